@@ -29,6 +29,7 @@ PARTS = {
     "jaxcal.device": ("A whole device", None),
     "jaxcal.alignment": ("Alignment", None),
     "jaxcal.calibration": ("Calibration of a device", None),
+    "jaxcal.budget": ("Error budgets", None),
     "jaxcal.io": ("Reading and converting", None),
     "jaxcal.export": ("Export", None),
     "jaxcal.batch": ("Many logs", None),

@@ -15,7 +15,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[1]
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
 COMMANDS = (
     "demo", "noise", "allan", "psd", "temperature", "imu", "mag", "device", "north", "apply", "convert", "export", "diff", "info", "batch",
-    "simulate", "cache", "rate-table",
+    "simulate", "cache", "rate-table", "budget", "sheet",
 )  # fmt: skip
 
 

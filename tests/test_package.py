@@ -39,8 +39,8 @@ def test_every_part_leaves_the_jax_configuration_alone():
 
 PUBLIC = {
     "Calibration", "DataError", "ExportError", "FitError", "JaxcalError", "Log", "PrecisionWarning", "UnitError",
-    "alignment", "allan", "batch", "calibration", "device", "evidence", "export", "fitting", "imu", "io", "magnetometer", "noise", "plot",
-    "read", "report", "spectrum", "temperature",
+    "alignment", "allan", "batch", "budget", "calibration", "device", "evidence", "export", "fitting", "imu", "io", "magnetometer", "noise",
+    "plot", "read", "report", "spectrum", "temperature",
 }  # fmt: skip
 
 

@@ -35,7 +35,8 @@ _OTHER_OPTIONS = {
 KINDS = ("noise", "temperature", "imu", "mag", "device", "north")
 _USAGE = {
     "apply": "jaxcal apply calibration.json LOG.csv --out corrected.csv", "convert": "jaxcal convert LOG.csv LOG.npz",
-    "export": "jaxcal export calibration.json --to kalibr", "diff": "jaxcal diff old.json new.json",
+    "export": "jaxcal export calibration.json --to kalibr", "budget": "jaxcal budget calibration.json --motion hand",
+    "sheet": 'jaxcal sheet "gyro: ARW 0.3 deg/sqrt(h), BI 2 deg/h" --to kalibr', "diff": "jaxcal diff old.json new.json",
     "batch": "jaxcal batch logs/ --task noise --out fleet", "north": "jaxcal north table.csv --latitude 39.93",
     "simulate noise": 'jaxcal simulate noise --gyro "N=0.25deg/sqrt(h)" --out log.csv',
     "simulate north": "jaxcal simulate north --latitude 39.93 --out table.csv",

@@ -20,6 +20,7 @@ import jaxcal
 from ._advice import KINDS, advice, code_of, example_of, format_of
 from ._apply import apply, convert
 from ._batch import batch
+from ._budget import budget, sheet
 from ._cache import cache
 from ._curves import allan, psd
 from ._demo import demo
@@ -38,6 +39,7 @@ from ._turntable import rate_table
 
 _COMMANDS = (
     demo, info, noise, allan, psd, temperature, imu, rate_table, mag, device, north, apply, convert, export_to(""), diff, batch, cache,
+    budget, sheet,
 )  # fmt: skip
 _SIMULATE = (simulate_noise, simulate_temperature, simulate_imu, simulate_mag, simulate_device, simulate_north)
 _ANYWHERE = ("--quiet", "-q", "--verbose", "-v")  # options that may also stand before the command

@@ -11,7 +11,7 @@ import jaxcal
 
 from .._answer import things_to_know
 from ..export._formats import FORMATS, OPTIONS, checked_options, files_of
-from ._options import WRITING, CallError, Plain, must_be_calibration
+from ._options import WRITING, CallError, Plain, Reading, must_be_calibration, read_log
 from ._outputs import distinct, replaceable, staged
 from ._screen import Screen, show_written
 
@@ -61,6 +61,8 @@ def _annotation(name: str, group: Group) -> Any:
     default, right, _, help = OPTIONS[name]
     kind: Any = Literal[right] if isinstance(right, tuple) else float if name == "rate" else type(default)
     shown = "" if default in (None, False) else f" Default: {default}."
+    if name == "motion":
+        return Annotated[Path | None, Parameter(name="--for", group=group, help=help)]
     return Annotated[bool if kind is bool else kind | None, Parameter(group=group, help=help + shown, show_default=False)]
 
 
@@ -72,6 +74,7 @@ def _write(calibration: list[Path], to: str, out: Path | None, ids: str | None, 
     options = {name: value for name, value in options.items() if value is not None and value is not False}
     if "random_walk" in options:
         options["random_walk"] = _walk(options["random_walk"])
+    motion = options.pop("motion", None)
     try:
         checked_options(to, options)
     except jaxcal.ExportError as error:  # not the calibration: nothing was read yet
@@ -85,11 +88,19 @@ def _write(calibration: list[Path], to: str, out: Path | None, ids: str | None, 
         devices = [_with_ids(jaxcal.Calibration.load(path), given, to) for path in calibration] or [jaxcal.Calibration()]
         digest = (devices[0].provenance or {}).get("sha256") if len(devices) == 1 else ""
         replaceable(targets.values(), digest or "", force=running.force)
+        if motion is not None:
+            options["motion"] = motion_of(motion, devices[0])
         place = places[targets[""]] if "" in targets else next(iter(places.values())).with_name(target.name)
         found = jaxcal.export.write(devices if len(devices) > 1 else devices[0], place, format=to, force=running.force, **options)
         written = [path for path, there in places.items() if there.exists()]
     screen.lines(things_to_know(found, reader="terminal", verbose=True))
     show_written(screen, written)
+
+
+def motion_of(path: Path, device: Any) -> Any:
+    """The motion in a log, corrected by the calibration of the device where that has its sensors."""
+    log = read_log(path, Reading(), "export")
+    return jaxcal.budget.Motion.of(log if device.imu is None else device.correct(log))
 
 
 def ids_of(text: str | None, sensors: tuple[str, ...]) -> dict[str, int]:

@@ -16,7 +16,7 @@ from ..calibration import Calibration
 from ._findings import FINDINGS
 from ._formats import SENSORS
 from ._models import angle, factored, rounded, triads
-from ._noise import Isotropic, isotropic, noise_of, per_axis
+from ._noise import Isotropic, isotropic, per_sensor
 from ._options import UNITS, Product, comment, listed, number
 
 #: (term, sensor) -> key, in the order of the file
@@ -109,9 +109,8 @@ def write_orbslam3(calibration: Calibration, options: Any) -> Product:
 
 def write_gtsam(calibration: Calibration, options: Any) -> Product:
     """Write Python code that makes GTSAM's `PreintegrationCombinedParams`; all covariances are continuous-time and per axis."""
-    noise = noise_of(calibration)
-    n_gyro, k_gyro, gyro, gyro_said = per_axis(noise, "gyro", options)
-    n_accel, k_accel, accel, accel_said = per_axis(noise, "accel", options)
+    noise = per_sensor(calibration, options)
+    (n_gyro, k_gyro, gyro, gyro_said), (n_accel, k_accel, accel, accel_said) = noise["gyro"], noise["accel"]
     make = {"up": "MakeSharedU", "down": "MakeSharedD"}[options.frame]
     gravity = number(options.gravity)
     lines = [

@@ -57,7 +57,11 @@ class Option(NamedTuple):
 
 OPTIONS = {
     "axis": Option("worst", ("worst", "rms"), "", "One number for three axes: the largest (worst), or their root mean square (rms)."),
-    "inflate": Option(1.0, is_positive, "a number above 0", "Factor on the noise; the file states it."),
+    "motion": Option(
+        None, lambda motion: motion is None or hasattr(motion, "attitude"), "a jaxcal.budget.Motion",
+        "Log of the motion in use: N is that to be expected in increments under it, with the errors of the calibration; the file says how.",
+    ),
+    "window": Option(1.0, is_positive, "s above 0", "Time in s between the updates of the filter, for --for."),
     "random_walk": Option(
         "upper_limit", is_walk, 'a number above 0 for each sensor named, "upper_limit", or none',
         "K in place of that of the fit, in SI: gyro=2e-6,accel=3e-5. Else, where no K was found, its upper limit.",
@@ -96,7 +100,7 @@ class Format(NamedTuple):
         return getattr(importlib.import_module(f".{self.module}", __package__), name)
 
 
-_NOISE = ("axis", "inflate", "random_walk", "rate")
+_NOISE = ("axis", "motion", "window", "random_walk", "rate")
 _PARTS = ("imu", "magnetometer")
 _FIELDS = (*_PARTS, "temperature")
 FORMATS = {
@@ -104,10 +108,10 @@ FORMATS = {
     "openvins": Format("kalibr_imu_chain.yaml", "_filters", ("noise", "imu"), (*_NOISE, "topic"), head="%YAML:1.0\n"),
     "vins": Format("vins.yaml", "_filters", ("noise",), (*_NOISE, "topic", "gravity", "convention")),
     "orbslam3": Format("orbslam3.yaml", "_filters", ("noise",), _NOISE),
-    "gtsam": Format("gtsam_imu.py", "_filters", ("noise",), ("inflate", "random_walk", "gravity", "frame")),
+    "gtsam": Format("gtsam_imu.py", "_filters", ("noise",), ("motion", "window", "random_walk", "gravity", "frame")),
     "px4": Format("px4.params", "_flight_controllers", _FIELDS, ("instance",), many=True, readable=True),
     "ardupilot": Format("ardupilot.param", "_flight_controllers", _FIELDS, ("instance", "gyro_bias"), many=True, readable=True),
-    "ros": Format("calibration.yaml", "_ros", ("noise", *_PARTS), ("inflate", "rate")),
+    "ros": Format("calibration.yaml", "_ros", ("noise", *_PARTS), ("rate",)),
     "imu_tk": Format("imu.calib", "_imu_tk", ("imu",), mark=""),
     "motioncal": Format("motioncal.bin", "_motioncal", ("magnetometer",), mark="", readable=True),
     "fusion": Format("fusion.c", "_compass", ("magnetometer",), mark="//", counts=True),

@@ -8,16 +8,17 @@ from .._answer import Finding
 from .._errors import ExportError
 from .._message import Message
 from .._types import AnyArray
+from ..budget import increments
 from ..calibration import Calibration, DeviceNoise, SensorNoise
 from ._findings import FINDINGS
 from ._formats import SENSORS
-from ._options import UNITS, number, numbers
+from ._options import UNITS, numbers
 
 _LEFT_OUT = {"Q": "quantisation Q", "B": "bias instability B", "R": "ramp R", "markov": "Gauss-Markov", "sinusoid": "sinusoid"}
 
 
 class Isotropic(NamedTuple):
-    """Noise for most filters: one N and one K for each sensor, SI per sqrt(Hz), after `inflate`."""
+    """Noise for most filters: one N and one K for each sensor, SI per sqrt(Hz), under the motion if one is given."""
 
     values: dict[tuple[str, str], float]  # (term, sensor) -> number
     rate: float
@@ -30,8 +31,7 @@ def isotropic(calibration: Calibration, options: Any, use: str) -> Isotropic:
     noise = noise_of(calibration)
     combine = np.max if options.axis == "worst" else lambda values: np.sqrt(np.mean(values**2))
     values, facts, found = {}, [], []
-    for sensor in ("accel", "gyro"):
-        n, k, how, said = per_axis(noise, sensor, options)
+    for sensor, (n, k, how, said) in per_sensor(calibration, options).items():
         values |= {("N", sensor): float(combine(n)), ("K", sensor): float(combine(k))}
         facts.append(f"{SENSORS[sensor]}: {options.axis} axis; {how}")
         found += said
@@ -46,16 +46,30 @@ def noise_of(calibration: Calibration) -> DeviceNoise:
     return calibration.noise
 
 
-def per_axis(device: DeviceNoise, sensor: str, options: Any) -> tuple[AnyArray, AnyArray, str, list[Finding]]:
-    """N and K of the three axes of a sensor after `inflate`, their origin, and findings."""
+def per_sensor(calibration: Calibration, options: Any) -> dict[str, tuple[AnyArray, AnyArray, str, list[Finding]]]:
+    """Sensor -> N and K of its three axes, N under the motion if one is given, their origin, and findings."""
+    found = {sensor: _per_axis(noise_of(calibration), sensor, options) for sensor in ("accel", "gyro")}
+    if options.motion is not None:
+        if options.window > options.motion.duration:
+            raise ExportError(f"the motion lasts {options.motion.duration:g} s, less than a window", code="window")
+        told = increments(calibration, options.motion, windows=[options.window])
+        for sensor, (n, k, how, said) in found.items():
+            times, group = float(told.factor(sensor)[0]), {"gyro": "tilt", "accel": "velocity"}[sensor]
+            causes = ", ".join(f"{cause} {100 * share:.0f} %" for cause, share in told.largest(group, options.window))
+            how += f"; N times {times:.4g} for increments over {options.window:g} s under the motion ({group} from {causes})"
+            found[sensor] = n * times, k, how, said
+    return found
+
+
+def _per_axis(device: DeviceNoise, sensor: str, options: Any) -> tuple[AnyArray, AnyArray, str, list[Finding]]:
+    """N and K of the three axes of a sensor, their origin, and findings."""
     noise = getattr(device, sensor)
     if noise is None:
         raise ExportError(f"the calibration holds no noise of the {SENSORS[sensor]}; its log had none", code="no_noise")
     n, n_source, n_said = _or_limit(noise, sensor, "N", "upper_limit")
     k, k_source, k_said = _or_limit(noise, sensor, "K", options.random_walk)
     about = f"per axis N = {numbers(n)}{n_source}; K = {numbers(k)}{k_source}"
-    about += f"; multiplied by {number(options.inflate)}" if options.inflate != 1 else ""
-    return n * options.inflate, k * options.inflate, about, [*n_said, *k_said, *_left_out(noise, sensor)]
+    return n, k, about, [*n_said, *k_said, *_left_out(noise, sensor)]
 
 
 def rate_of(noise: DeviceNoise, calibration: Calibration, options: Any, use: str) -> tuple[float, list[Finding]]:

@@ -43,7 +43,6 @@ def _covariances(calibration: Calibration, options: Any, found: list[Finding]) -
     noise, lines = calibration.noise, []
     if noise is None:
         return []
-    inflated = f", inflated by {number(options.inflate)}" if options.inflate != 1 else ""
     rate, said = rate_of(noise, calibration, options, "the covariances are per sample at this rate")
     for sensor, (name, unit) in _COVARIANCES.items():
         held = getattr(noise, sensor)
@@ -52,7 +51,7 @@ def _covariances(calibration: Calibration, options: Any, found: list[Finding]) -
         if held.N is None or not np.all(np.isfinite(held.N) & (held.N > 0)):
             found.append(FINDINGS("no_covariance", sensor, name=name))
             continue
-        lines.append(f"{name}: {listed(np.diag((held.N * options.inflate) ** 2 * rate))}   # {unit} at {number(rate)} Hz{inflated}")
+        lines.append(f"{name}: {listed(np.diag(held.N**2 * rate))}   # {unit} at {number(rate)} Hz")
         if any(values is not None and np.any(values > 0) for values in (held.K, held.B)):
             found.append(FINDINGS("white_alone", sensor))
     found.extend(said if lines else [])

@@ -39,14 +39,15 @@ def write(
     options : those of the format:
 
         - kalibr, openvins, vins, orbslam3: `axis` ("worst" of the three axes, or "rms", their root mean square; a comment lists all three),
-          `inflate` (factor on all noise), `random_walk` (where no K was found: "upper_limit", None to refuse, or a number for a sensor, as
+          `motion` (a `jaxcal.budget.Motion`: N is then the noise to expect in increments over `window` s under it, with the errors of
+          the calibration), `random_walk` (where no K was found: "upper_limit", None to refuse, or a number for a sensor, as
           {"gyro": 2e-6}, in rad/s^2/sqrt(Hz) or m/s^3/sqrt(Hz), which also replaces a fitted K), `rate` (true sampling rate in Hz; else
           that of the log). Except orbslam3: `topic` (ROS topic).
         - vins: `gravity` (m/s^2), `convention` ("midpoint" writes N sqrt(2 rate), "per_sample" N sqrt(rate); the file states the other).
-        - gtsam: `inflate`, `random_walk`, `gravity`, `frame` ("up" or "down", the direction of the z axis).
+        - gtsam: `motion`, `window`, `random_walk`, `gravity`, `frame` ("up" or "down", the direction of the z axis).
         - px4, ardupilot: `instance` (index of the sensors on the vehicle, from 0). ardupilot: `gyro_bias` (True also writes the bias of the
           gyroscope, which the firmware estimates again at every start).
-        - ros: `inflate`, `rate`.
+        - ros: `rate`.
         - c: `prefix` (of the names), `solver` (True also writes the code that collects readings of a magnetometer, accelerometer or
           gyroscope on a microcontroller and solves for a calibration there; an empty `Calibration()` is enough).
 

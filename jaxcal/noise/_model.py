@@ -88,6 +88,30 @@ class Noise(eqx.Module):
             *((term.name, coefficient, term) for coefficient, term in self.further),
         ]
 
+    @classmethod
+    def from_sheet(cls, text: str) -> dict[str, "Noise"]:
+        r"""Noise by sensor from a data sheet.
+
+        Items stand between commas. The unit tells what one is: deg/sqrt(h) and m/s/sqrt(h) are random walks, a density per sqrt(Hz) is
+        one-sided (:math:`\sqrt{2} N`), a rate or an acceleration is the in-run bias instability (0.664 B), "rms in 50 Hz" an rms in a noise
+        bandwidth (:math:`N \sqrt{2 \cdot 50\,\mathrm{Hz}}`), and deg/h/sqrt(h) a random walk of the bias K.
+
+        Raises
+        ------
+        UnitError
+            If an item is not understood.
+
+        Examples
+        --------
+        >>> from jaxcal.noise import Noise
+        >>> found = Noise.from_sheet("gyro: ARW 0.3 deg/sqrt(h), BI 2 deg/h; accel: 60 ug/sqrt(Hz)")
+        >>> f"{found['gyro'].N:.3e} {found['gyro'].B:.2e} {found['accel'].N:.2e}"
+        '8.727e-05 1.46e-05 4.16e-04'
+        """
+        from ._sheet import read_sheet  # which needs this module
+
+        return read_sheet(text)[0]
+
     def coefficient(self, name: str) -> Any:
         """Coefficient of the term with this name: a letter, "markov" (the first process), or the name of a term of your own.
 

@@ -21,7 +21,7 @@ from ._timeline import timelines
 
 _MODULES = {
     "NoiseFits": "_noise", "Deviations": "_curves", "Spectra": "_curves", "TemperatureFits": "_thermal", "ImuFit": "_imu",
-    "MagFit": "_magnetometer", "DeviceFit": "_device", "AlignmentFit": "_north",
+    "MagFit": "_magnetometer", "DeviceFit": "_device", "AlignmentFit": "_north", "Budget": "_budget",
 }  # fmt: skip
 _FIRST = 3  # warnings that stand on the first screen, as many as the terminal prints
 

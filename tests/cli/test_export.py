@@ -55,12 +55,12 @@ def test_calibrations_say_how_they_were_made(call, folder, log, monkeypatch):
 
 
 def test_options_reach_the_writer(call, folder, device):
-    words = ["--rate", 400, "--random-walk", "gyro=1e-5", "--inflate", 2, "--axis", "rms", "--topic", "/a"]
+    words = ["--rate", 400, "--random-walk", "gyro=1e-5", "--axis", "rms", "--topic", "/a"]
     assert call("export", device, "--to", "kalibr", *words).status == 0
     noise = yaml.safe_load((folder / "imu.yaml").read_text())
     assert noise["update_rate"] == 400
-    assert noise["gyroscope_random_walk"] == pytest.approx(2e-5)
-    assert noise["gyroscope_noise_density"] == pytest.approx(2 * np.sqrt(np.mean(np.array([1.6e-4, 1.7e-4, 1.8e-4]) ** 2)))
+    assert noise["gyroscope_random_walk"] == pytest.approx(1e-5)
+    assert noise["gyroscope_noise_density"] == pytest.approx(np.sqrt(np.mean(np.array([1.6e-4, 1.7e-4, 1.8e-4]) ** 2)))
     assert "rostopic: /a" in (folder / "imu.yaml").read_text()
     assert call("export", device, "--to", "vins", "--convention", "per_sample", "--gravity", 9.81).status == 0
     assert "g_norm: 9.81" in (folder / "vins.yaml").read_text()

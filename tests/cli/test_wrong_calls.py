@@ -146,7 +146,7 @@ simulate north --out a.csv --latitude 35 --dwell 0 | positive
 north gone.csv --latitude 35               | gone.csv does not exist
 north table.csv --latitude 35 --plot a.txt | ends in
 north table.csv --latitude 35 --prior phi=1:2:3 | MEAN:STANDARD_DEVIATION
-export device.json --to kalibr --inflate 0 | --inflate 0.0: expected
+export device.json --to kalibr --window 0 | --window 0.0: expected
 export device.json --to kalibr --random-walk much | --random-walk much: expected
 export device.json --to c --out device.json | would be overwritten
 export empty.json --to c                   | no JSON, and a calibration is asked for

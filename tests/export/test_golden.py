@@ -104,7 +104,7 @@ def test_the_snippet_of_gtsam_runs(golden, tmp_path, frame, monkeypatch):
         name: {**DOCUMENT["imu"][name], "covariance": {"parameters": tuple(f"bias[{i}]" for i in range(3)), "values": value}}
         for name, value in zip(("accel", "gyro"), values, strict=True)
     }
-    write(Calibration(noise=golden.noise, imu=imu), tmp_path / "a.py", format="gtsam", frame=frame, inflate=2.0)
+    write(Calibration(noise=golden.noise, imu=imu), tmp_path / "a.py", format="gtsam", frame=frame)
     kept = {}
 
     class Parameters:
@@ -122,8 +122,8 @@ def test_the_snippet_of_gtsam_runs(golden, tmp_path, frame, monkeypatch):
     text = (tmp_path / "a.py").read_text()
     exec(compile(text, "a.py", "exec"), {})
     assert kept[frame] == 9.80665
-    np.testing.assert_allclose(kept["setAccelerometerCovariance"], np.diag([1.9e-3, 2e-3, 2.1e-3]) ** 2 * 4, rtol=1e-8)
-    np.testing.assert_allclose(kept["setBiasOmegaCovariance"], np.diag([2e-6, 2.2e-6, 2.4e-6]) ** 2 * 4, rtol=1e-8)
+    np.testing.assert_allclose(kept["setAccelerometerCovariance"], np.diag([1.9e-3, 2e-3, 2.1e-3]) ** 2, rtol=1e-8)
+    np.testing.assert_allclose(kept["setBiasOmegaCovariance"], np.diag([2e-6, 2.2e-6, 2.4e-6]) ** 2, rtol=1e-8)
     np.testing.assert_allclose(kept["setBiasAccOmegaInt"], np.diag([4e-6, 5e-6, 6e-6, 7e-8, 8e-8, 9e-8]), rtol=1e-8)
 
 
@@ -255,7 +255,7 @@ def test_other_warnings(golden, tmp_path):
         ("format", "latex", {}), ("instance", "px4", {"instance": 4}), ("instance", "ardupilot", {"instance": 3}),
         *(("no_such_option", "kalibr", wrong) for wrong in ({"gravity": 9.81}, {"flavour": "dlio"}, {"density": 1.0})),
         *(("option", "kalibr", {"random_walk": wrong}) for wrong in (-1.0, True, "limit", {"gyroscope": 1.0})),
-        *(("option", "kalibr", wrong) for wrong in ({"axis": "best"}, {"inflate": 0.0}, {"inflate": np.nan})),
+        *(("option", "kalibr", wrong) for wrong in ({"axis": "best"}, {"window": 0.0}, {"motion": 1})),
         *(("option", "kalibr", wrong) for wrong in ({"topic": "/imu0\nevil: 1"}, {"topic": ""})),
         ("option", "vins", {"convention": "x"}), ("option", "gtsam", {"gravity": 0}), ("option", "orbslam3", {"rate": -1.0}),
         ("option", "px4", {"instance": -1}), ("option", "c", {"prefix": "7-"}),

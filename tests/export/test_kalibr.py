@@ -59,12 +59,19 @@ def test_bias_instability_never_becomes_a_random_walk(golden, path):
     assert "bias instability B" in told["accel",]
 
 
-def test_rms_and_inflation(golden, path):
-    write(golden, path, axis="rms", inflate=3.0, provenance=False)
+def test_rms_and_a_motion(golden, path, refuses):
+    from jaxcal.budget import Motion, increments
+
+    motion = Motion.hand(5.0)
+    write(golden, path, axis="rms", motion=motion, provenance=False)
+    times = increments(golden, motion, windows=[1.0]).factor("gyro")[0]
+    assert times > 1
     found = yaml.safe_load(path.read_text())
-    assert math.isclose(found["gyroscope_noise_density"], 3 * math.sqrt((1.6e-4**2 + 1.7e-4**2 + 1.8e-4**2) / 3), rel_tol=1e-8)
-    assert math.isclose(found["accelerometer_random_walk"], 3 * math.sqrt((2.8e-5**2 + 3e-5**2 + 3.2e-5**2) / 3), rel_tol=1e-8)
-    assert "rms axis; per axis N = 0.00016, 0.00017, 0.00018; K = 2.0e-06, 2.2e-06, 2.4e-06; multiplied by 3.0" in path.read_text()
+    assert math.isclose(found["gyroscope_noise_density"], times * math.sqrt((1.6e-4**2 + 1.7e-4**2 + 1.8e-4**2) / 3), rel_tol=1e-8)
+    assert math.isclose(found["accelerometer_random_walk"], math.sqrt((2.8e-5**2 + 3e-5**2 + 3.2e-5**2) / 3), rel_tol=1e-8)
+    assert "rms axis; per axis N = 0.00016, 0.00017, 0.00018; K = 2.0e-06, 2.2e-06, 2.4e-06; N times " in path.read_text()
+    with refuses("window", ExportError):
+        write(golden, path, motion=motion, window=9.0)
 
 
 def test_what_was_not_measured_is_refused(golden, path, refuses):
