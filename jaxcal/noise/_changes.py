@@ -306,8 +306,8 @@ def _refitted(records, columns, bases, designs, begun, held: Any = False) -> tup
         ]
         target = means(np.square(rests))
         if columns.shape[1]:
-            rows = (values.reshape(-1, values.shape[-1]) for values in (target, theta, levels, np.broadcast_to(held, theta.shape)))
-            goal, start, own, stays = rows
+            searches = (target, theta, levels, np.broadcast_to(held, theta.shape))
+            goal, start, own, stays = (np.reshape(values, (len(designs) * len(records), -1)) for values in searches)
             theta = scoring(columns_of, goal, count, start, own, stays)[0].reshape(theta.shape)
     s = levels + theta @ columns_of.T
     return theta, np.sum(count * (np.log(s) + target / s), axis=(1, 2))
