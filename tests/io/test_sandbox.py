@@ -34,11 +34,17 @@ def program(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(
     ("text", "code"),
-    [("import os; os.abort()", "broke_down"), ("import os; input(); os.abort()", "broke_down"), ("import time; time.sleep(60)", "damaged")],
+    [
+        ("import os; os.abort()", "broke_down"),
+        ("import os; input(); os.abort()", "broke_down"),
+        ("import time; time.sleep(60)", "damaged"),
+        ("import time; x = b'x' * (1 << 28); time.sleep(60)", "too_large"),
+    ],
 )
 def test_a_process_that_breaks_down_is_replaced(text, code, log, program, monkeypatch, refuses):
     with monkeypatch.context() as inside:
         inside.setattr(_sandbox, "_SECONDS", 2.0)
+        inside.setattr(_sandbox, "_MEMORY", 1 << 27)
         program(text)
         with refuses(code):
             read(log, quiet=True)

@@ -11,6 +11,7 @@ import atexit
 import contextlib
 import json
 import math
+import mmap
 import os
 import re
 import subprocess
@@ -21,8 +22,12 @@ from typing import Any
 
 import numpy as np
 
-#: limits of time (s) and of memory (bytes beyond those in use) for a file of few bytes; one of 12 MiB may use twice as much, and so on
-_SECONDS, _MEMORY = 40.0, 3 << 28
+#: limits of time (s) and of memory in use (bytes, of which the libraries take a third) for a file of few bytes; one of 12 MiB may use twice
+#: as much, and so on. The memory is looked at from outside: threads reserve many times the addresses that they use, and where addresses
+#: were limited, a busy machine refused four of five good Parquet files
+_SECONDS, _MEMORY = 40.0, 1 << 29
+#: s between two looks at the memory
+_LOOK = 0.02
 _SIZE = 3 << 22
 #: MATLAB classes whose layout is not public
 _OPAQUE = ("table", "timetable", "datetime", "duration", "string")
@@ -37,7 +42,6 @@ def _serve() -> None:
     for line in sys.stdin:
         request = json.loads(line)
         try:
-            _limit(round(_MEMORY * (1 + os.path.getsize(request["path"]) / _SIZE)))
             about, arrays = {"parquet": _parquet, "mat": _mat, "hdf5": _hdf5, "xlsx": _xlsx, "tdms": _tdms}[request["kind"]](request)
             arrays = [np.ascontiguousarray(array) for array in arrays]
             about["arrays"] = [(array.dtype.str, array.shape) for array in arrays]
@@ -52,16 +56,6 @@ def _serve() -> None:
             if array.size:
                 answers.write(array.reshape(-1).view(np.uint8).data)
         answers.flush()
-
-
-def _limit(more: int) -> None:
-    with contextlib.suppress(ImportError, OSError, ValueError):  # the system may not support limits
-        import resource
-
-        with open("/proc/self/statm") as file:
-            held = int(file.read().split()[0]) * resource.getpagesize()
-        _, hard = resource.getrlimit(resource.RLIMIT_AS)
-        resource.setrlimit(resource.RLIMIT_AS, (held + more if hard == resource.RLIM_INFINITY else min(held + more, hard), hard))
 
 
 def _parquet(request: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
@@ -224,6 +218,19 @@ def _hdf5(request: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
 # the side that requests
 
 
+def _watch(process: Any, allowed: float, done: threading.Event, why: list[str]) -> None:
+    """End the reading process if it takes too long or uses too much memory, and say which."""
+    began = time.monotonic()
+    while not why and not done.wait(_LOOK):
+        if time.monotonic() - began > _SECONDS * allowed:
+            why.append("time")
+        with contextlib.suppress(OSError, ValueError, IndexError), open(f"/proc/{process.pid}/statm") as file:  # of Linux
+            if int(file.read().split()[1]) * mmap.PAGESIZE > _MEMORY * allowed:
+                why.append("memory")
+    if why and not done.is_set():
+        process.kill()
+
+
 class Sandbox:
     """The separate reading process; each process that reads has its own."""
 
@@ -238,28 +245,27 @@ class Sandbox:
 
         with self._lock:
             process = self._running()
-            began = time.monotonic()
-            seconds = _SECONDS * (1 + os.path.getsize(path) / _SIZE)
-            timer = threading.Timer(seconds, process.kill)
-            timer.daemon = True
-            timer.start()
+            allowed = 1 + os.path.getsize(path) / _SIZE
+            done, why = threading.Event(), []
+            threading.Thread(target=_watch, args=(process, allowed, done, why), daemon=True).start()
             try:
                 process.stdin.write(json.dumps({"kind": kind, "path": os.path.abspath(path)} | request).encode() + b"\n")
                 process.stdin.flush()
                 about = json.loads(self._take(int.from_bytes(self._take(8), "little")))
                 arrays = [self._array(*form) for form in about.get("arrays", [])]
             except (EOFError, OSError):
-                late = time.monotonic() - began >= seconds
                 self.stop()
-                if late:
-                    raise DataError(f"it took more than {seconds:.0f} s; it is damaged: copy it again", code="damaged") from None
+                if "memory" in why:
+                    raise MemoryError(f"more than {_MEMORY * allowed / 1e6:.0f} MB in use") from None
+                if why:
+                    raise DataError(f"it took more than {_SECONDS * allowed:.0f} s; it is damaged: copy it again", code="damaged") from None
                 said = "the library that reads it broke down: it needs more memory than there is, or is damaged"
                 raise DataError(f"{said}; close other programs, or copy it again", code="broke_down") from None
             except BaseException:
                 self.stop()  # part of an answer is left in the pipe
                 raise
             finally:
-                timer.cancel()
+                done.set()
         if "error" in about:
             if about["error"] == "MemoryError" or re.search("memory|allocat|spawn|temporarily unavailable", about["said"], re.IGNORECASE):
                 raise MemoryError(about["said"])
