@@ -57,7 +57,7 @@ def ready(path: Path, reading: Reading, needs_time: bool) -> tuple[Reading, list
 
     if not path.is_file() or path.stat().st_size > _SMALL:
         return reading, []
-    for units, said in {reading.units: [], in_counts(reading, "mag").units: [_COUNTS]}.items():
+    for units, said in ((reading.units, []), (in_counts(reading, "mag").units, [_COUNTS])):
         tried = dataclasses.replace(reading, units=units)
         try:
             log = read_log(path, tried, "mag")

@@ -257,3 +257,17 @@ def test_a_warming_sensor_is_fitted_with_its_temperature(call, folder):
     assert np.abs(np.array(slope) * 1e6 - [0.2, 0.0, -0.07]).max() < 0.01
     # the error is that at the temperatures of the log, not at 0 degC
     assert np.rad2deg(document["heading_error"][0]) < 0.15
+
+
+def test_columns_x_y_z_without_a_clock_beside_a_magnet(call, folder):
+    rng = np.random.default_rng(0)
+    field = rng.normal(size=(400, 3))
+    readings = 48 * field / np.linalg.norm(field, axis=1, keepdims=True) + [300, -250, 260] + 0.2 * rng.normal(size=(400, 3))
+    np.savetxt(folder / "plain.csv", readings, "%.3f", ",", header="x,y,z", comments="")
+    found = call("mag", "plain.csv", "--units", "mag=uT", "--json", "plain.json")
+    assert (found.status, found.err) == (0, "")
+    document = json.loads((folder / "plain.json").read_text())
+    assert any("there are no times" in one["text"] for one in document["log"]["findings"])
+    for i, true in enumerate([300e-6, -250e-6, 260e-6]):
+        assert abs(document["numbers"][f"hard_iron[{i}]"]["value"] - true) < 0.2e-6
+    assert call("mag", "plain.csv", "--units", "mag=uT", "--align", "gyro").code == "no_rate"
