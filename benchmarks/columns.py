@@ -1,0 +1,555 @@
+"""Columns as loggers, apps and programs name them, the truth first: how many are read rightly, or refused with a way out that works.
+
+    python benchmarks/columns.py [pattern of names]
+
+512 inputs: 200 headers that jaxcal's names were written with, and 56 that were written afterwards, each of a sensor turned by hand and of one
+at rest. The signals and the text share no code with the reader. A refusal counts as rightly refused if the file holds no sensor, or if the
+options that it names, typed as they stand, give the truth (the rate, and what the file cannot say, are known to whoever typed).
+"""
+
+# ruff: noqa: E501, E731, UP031, RUF100
+
+import ast
+import collections
+import datetime
+import pathlib
+import re
+import sys
+import tempfile
+
+import numpy as np
+
+import jaxcal
+from jaxcal.io._columns import pairs
+
+DEG, G = np.pi / 180, 9.80665
+RATE, N = 100.0, 600
+T = np.arange(N) / RATE
+UNIT = {
+    "r": 1.0,
+    "d": DEG,
+    "md": DEG / 1e3,
+    "mr": 1e-3,
+    "cd": DEG / 100,
+    "m": 1.0,
+    "g": G,
+    "mg": G / 1e3,
+    "uT": 1e-6,
+    "G": 1e-4,
+    "mG": 1e-7,
+    "nT": 1e-9,
+    "T": 1.0,
+    "cm": 0.01,
+    "rel": 48e-6,
+}
+
+
+def motion(kind):
+    rng = np.random.default_rng(len(kind))
+    w = np.zeros((N, 3))
+    if kind == "hand":
+        for _ in range(10):
+            mid, width = rng.uniform(0, T[-1]), rng.uniform(0.3, 0.9)
+            w += 1.5 * rng.normal(size=3) * np.exp(-(((T[:, None] - mid) / width) ** 2))
+    C = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    C *= np.sign(np.linalg.det(C))
+    a, m = np.empty((N, 3)), np.empty((N, 3))
+    north = 48e-6 * np.array([np.cos(1.1), 0, -np.sin(1.1)])
+    for k in range(N):
+        a[k], m[k] = C.T @ [0, 0, G], C.T @ north
+        th = np.linalg.norm(w[k]) / RATE
+        if th > 0:
+            x, y, z = w[k] / np.linalg.norm(w[k])
+            X = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+            C = C @ (np.eye(3) + np.sin(th) * X + (1 - np.cos(th)) * X @ X)
+    free = 0.3 * rng.normal(size=(N, 3)) if kind == "hand" else 0.02 * rng.normal(size=(N, 3))
+    return {
+        "w": w + 0.01 * rng.normal(size=3) + 0.002 * rng.normal(size=(N, 3)),
+        "a": a * 1.01 + 0.02 * rng.normal(size=(N, 3)) + (free if kind == "hand" else 0),
+        "m": m + 1e-5 * rng.normal(size=3) + 2e-7 * rng.normal(size=(N, 3)),
+        "f": free,
+        "v": a,
+    }
+
+
+MOTION = {"hand": motion("hand"), "still": motion("still")}
+DAY = datetime.datetime(2023, 5, 1, 11, 59, 58)
+MOM = [DAY + datetime.timedelta(seconds=float(t)) for t in T]
+E0 = 1700000000
+COUNT = {"a": G / 16384, "w": DEG / 131, "m": 0.15e-6}
+
+
+def fields(token, sig):
+    rng = np.random.default_rng(3)
+    kind, _, unit = token.partition(":")
+    one = lambda form: [[form(t) for t in T]]
+    simple = {
+        "i": lambda: [[str(k) for k in range(N)]],
+        "I": lambda: [[str(4000 + k) for k in range(N)]],
+        "i256": lambda: [[str(k % 256) for k in range(N)]],
+        "t": lambda: one(lambda t: f"{t:.3f}"),
+        "tms": lambda: one(lambda t: f"{4321 + 1e3 * t:.0f}"),
+        "tus": lambda: one(lambda t: f"{7e6 + 1e6 * t:.0f}"),
+        "tms0": lambda: one(lambda t: f"{1e3 * t:.2f}"),
+        "tns": lambda: one(lambda t: f"{5e9 + 1e9 * t:.0f}"),
+        "Ts": lambda: one(lambda t: f"{E0 + t:.3f}"),
+        "Tms": lambda: one(lambda t: f"{E0 * 1000 + round(1e3 * t)}"),
+        "Tus": lambda: one(lambda t: f"{E0 * 10**6 + round(1e6 * t)}"),
+        "Tns": lambda: one(lambda t: f"{E0 * 10**9 + round(1e9 * t)}"),
+        "D": lambda: [[m.strftime("%Y-%m-%d %H:%M:%S.%f")[:-3] for m in MOM]],
+        "C": lambda: [[m.strftime("%H:%M:%S.%f")[:-3] for m in MOM]],
+        "D2": lambda: [[m.strftime("%Y-%m-%d") for m in MOM]],
+        "Du": lambda: [[m.strftime("%m/%d/%Y") for m in MOM]],
+        "week": lambda: [["2245"] * N],
+        "tow": lambda: one(lambda t: f"{390884 + t:.3f}"),
+        "sec": lambda: one(lambda t: str(E0 + int(t + 1e-9))),
+        "nsec": lambda: one(lambda t: f"{round((t % 1) * 1e9) % 10**9}"),
+        "q": lambda: [[f"{v:.5f}" for v in np.cos(0.3 * k + 0.05 * T)] for k in range(4)],
+        "e": lambda: [[f"{v:.3f}" for v in 10 * k + 20 * np.sin(T * (k + 1))] for k in range(3)],
+        "L": lambda: [
+            [f"{48 + 1e-7 * k:.7f}" for k in range(N)],
+            [f"{11 + 1e-7 * k:.7f}" for k in range(N)],
+            [f"{500 + 0.001 * k:.3f}" for k in range(N)],
+        ],
+        "p": lambda: [[f"{1013 + 0.01 * (k % 9):.2f}" for k in range(N)]],
+        "tmp": lambda: [[f"{25 + k / N:.2f}" for k in range(N)]],
+        "z": lambda: [[""] * N],
+        "k": lambda: [[str(int(v)) for v in rng.integers(0, 256, N)]],
+        "kh": lambda: [[f"{int(v):02X}" for v in rng.integers(0, 256, N)]],
+        "n3": lambda: [[f"{v:.4f}" for v in np.sin(T * (k + 1)) * (k + 1)] for k in range(3)],
+    }
+    if kind in simple and not unit:
+        return simple[kind]()
+    if kind == "s":
+        return [[unit] * N]
+    if kind == "n":  # a number
+        return [[unit] * N]
+    if kind in ("norm",):
+        v = np.linalg.norm(sig["a"], axis=1) / UNIT[unit]
+        return [[f"{x:.5g}" for x in v]]
+    order = "xyz"
+    if len(kind) == 4:
+        kind, order = kind[0], kind[1:]
+    values = np.round(sig[kind] / COUNT[kind]) if unit == "c" else sig[kind] / UNIT[unit] if unit != "i" else np.cumsum(sig[kind], 0) / RATE
+    form = (lambda v: f"{v:.0f}") if unit == "c" else (lambda v: f"{v:.7g}")
+    return [[form(v) for v in values[:, "xyz".index(x)]] for x in order]
+
+
+# name, file, header, spec, want, options of the entry
+CASES = []
+
+
+def add(name, header, spec, want=None, file="log.csv", mark=",", refuse=None, **more):
+    CASES.append(dict(name=name, header=header, spec=spec.split(), want=want, file=file, mark=mark, refuse=refuse, **more))
+
+
+# fmt: off
+# --- issue 44, columns
+add("EuRoC truth with biases only", "#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], b_w_RS_S_x [rad s^-1], b_w_RS_S_y [rad s^-1], b_w_RS_S_z [rad s^-1]", "Tns n3 n3", refuse="no_sensor")
+add("biases alone", "t,b_w_RS_S_x,b_w_RS_S_y,b_w_RS_S_z", "t n3", refuse="no_sensor")
+add("EuRoC truth", "#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z [], v_RS_R_x [m s^-1], v_RS_R_y [m s^-1], v_RS_R_z [m s^-1], b_w_RS_S_x [rad s^-1], b_w_RS_S_y [rad s^-1], b_w_RS_S_z [rad s^-1], b_a_RS_S_x [m s^-2], b_a_RS_S_y [m s^-2], b_a_RS_S_z [m s^-2]", "Tns n3 q n3 n3 n3", refuse="no_sensor")
+add("attitudes", "time,roll,pitch,yaw", "t e", refuse="no_sensor")
+add("attitudes in degrees", "Timestamp(ms),Roll(deg),Pitch(deg),Yaw(deg)", "tms e", refuse="no_sensor")
+add("GPS rows", "time,latitude,longitude,altitude,speed,course,hdop", "Ts L p p p", refuse="no_sensor")
+add("filter states", "t,pn,pe,pd,vn,ve,vd,bgx,bgy,bgz,bax,bay,baz", "t n3 n3 n3 n3", refuse="no_sensor")
+add("filter states with std", "t,x_pos,y_pos,z_pos,gyro_bias_x,gyro_bias_y,gyro_bias_z,acc_bias_x,acc_bias_y,acc_bias_z", "t n3 n3 n3", refuse="no_sensor")
+add("quaternions", "t,q0,q1,q2,q3", "t q", refuse="no_sensor")
+LVM = "LabVIEW Measurement\nWriter_Version\t2\nReader_Version\t2\nSeparator\tTab\nDecimal_Separator\t.\nMulti_Headings\tYes\nX_Columns\tOne\nTime_Pref\tAbsolute\nOperator\tlab\nDate\t2023/05/01\nTime\t11:59:58.0\n***End_of_Header***\t\n\t\nChannels\t3\t\t\t\nSamples\t600\t600\t600\t\nDate\t2023/05/01\t2023/05/01\t2023/05/01\t\nTime\t11:59:58.0\t11:59:58.0\t11:59:58.0\t\nY_Unit_Label\tg\tg\tg\t\nX_Dimension\tTime\tTime\tTime\t\nX0\t0.0E+0\t0.0E+0\t0.0E+0\t\nDelta_X\t0.01\t0.01\t0.01\t\n***End_of_Header***\t\t\t\t\nX_Value\t"
+add("LVM of three channels in g", LVM + "Acceleration\tAcceleration_1\tAcceleration_2\tComment", "t a:g", file="log.lvm", mark="\t", suffix="\t")
+add("LVM of named axes", LVM + "AccX\tAccY\tAccZ\tComment", "t a:g", file="log.lvm", mark="\t", suffix="\t")
+add("LVM untitled", LVM + "Untitled\tUntitled 1\tUntitled 2\tComment", "t a:g", file="log.lvm", mark="\t", suffix="\t")
+add("empty last field", "time;dev;ax;ay;az;gx;gy;gz;label", "t n:1 a:g w:d z", mark=";")
+add("gyroRotation in rad/s", "timestamp,gyroRotationX,gyroRotationY,gyroRotationZ,accelerometerAccelerationX,accelerometerAccelerationY,accelerometerAccelerationZ", "Ts w:r a:g")
+add("Counter only", "Counter,ax,ay,az,gx,gy,gz", "i a:g w:d")
+add("Counter only Xsens", "Counter\tAcc_X\tAcc_Y\tAcc_Z\tGyr_X\tGyr_Y\tGyr_Z\tMag_X\tMag_Y\tMag_Z\tMat[1][1]", "i a:m w:r m:rel n:1", want="aw", mark="\t", file="log.txt")
+add("increments", "t,dtheta_x,dtheta_y,dtheta_z,dv_x,dv_y,dv_z", "t w:i a:i", lines=lambda s: [",".join([f"{t:.3f}", *(f"{v:.9g}" for v in s["w"][k] / RATE), *(f"{v:.9g}" for v in s["a"][k] / RATE)]) for k, t in enumerate(T)], want="wa")
+add("increments, delta names", "time,DeltaAngle_X,DeltaAngle_Y,DeltaAngle_Z,DeltaVelocity_X,DeltaVelocity_Y,DeltaVelocity_Z", "t", lines=lambda s: [",".join([f"{t:.3f}", *(f"{v:.9g}" for v in s["w"][k] / RATE), *(f"{v:.9g}" for v in s["a"][k] / RATE)]) for k, t in enumerate(T)], want="wa")
+add("VNYMR", "", "", lines=lambda s: [f"$VNYMR,+010.0{k%10},+000.5,-001.2," + ",".join(f"{v:+08.4f}" for v in [*(s["m"][k] / 1e-4), *s["a"][k], *s["w"][k]]) + f"*{k % 256:02X}" for k in range(N)], want="awm", file="log.txt", given={"rate": 100})
+add("VNYMR no rate", "", "", lines=lambda s: [f"$VNYMR,+010.0{k%10},+000.5,-001.2," + ",".join(f"{v:+08.4f}" for v in [*(s["m"][k] / 1e-4), *s["a"][k], *s["w"][k]]) + f"*{k % 256:02X}" for k in range(N)], want="awm", file="log.txt")
+add("VNIMU", "", "", lines=lambda s: ["$VNIMU," + ",".join(f"{v:+08.4f}" for v in [*(s["m"][k] / 1e-4), *s["a"][k], *s["w"][k]]) + f",+25.1,+101.1*{k % 256:02X}" for k in range(N)], want="awm", file="log.txt")
+add("DataFlash text", "FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns\nFMT, 129, 31, IMU, QBffffff, TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ\nFMT, 130, 31, ATT, Qfff, TimeUS,Roll,Pitch,Yaw", "", lines=lambda s: [one for k, t in enumerate(T) for one in ([f"IMU, {int(7e6 + 1e4 * k)}, 0, " + ", ".join(f"{v:.7g}" for v in [*s["w"][k], *s["a"][k]])] + [f"ATT, {int(7e6 + 1e4 * k)}, 1.0, 2.0, 3.0"] * (k % 5 == 0))], want="wa", file="flight.log")
+add("ADIS names", "XGYRO_OUT,YGYRO_OUT,ZGYRO_OUT,XACCL_OUT,YACCL_OUT,ZACCL_OUT,TEMP_OUT", "w:d a:mg tmp")
+add("ADIS names timed", "Time (s),X_GYRO_OUT,Y_GYRO_OUT,Z_GYRO_OUT,X_ACCL_OUT,Y_ACCL_OUT,Z_ACCL_OUT", "t w:d a:g")
+add("ADIS names timed 2", "timestamp,DATA_CNTR,XGYRO_OUT,YGYRO_OUT,ZGYRO_OUT,XACCL_OUT,YACCL_OUT,ZACCL_OUT,TEMP_OUT", "t i w:d a:mg tmp")
+add("Accelerometer (x)", "Time [s],Accelerometer (x) [m/s2],Accelerometer (y) [m/s2],Accelerometer (z) [m/s2],Gyroscope (x) [rad/s],Gyroscope (y) [rad/s],Gyroscope (z) [rad/s]", "t a:m w:r")
+add("scaledAccel", "time,scaledAccelX,scaledAccelY,scaledAccelZ,scaledGyroX,scaledGyroY,scaledGyroZ", "t a:g w:r")
+add("quoted decimal commas", '"time","ax","ay","az"', "t a:m", lines=lambda s: [",".join('"' + f"{v:.4f}".replace(".", ",") + '"' for v in [t, *s["a"][k]]) for k, t in enumerate(T)])
+add("checksum column", "time,ax,ay,az,gx,gy,gz,checksum", "t a:g w:d kh")
+add("checksum column number", "time,ax,ay,az,gx,gy,gz,crc", "t a:g w:d k")
+add("checksum without name", "time,ax,ay,az,gx,gy,gz", "t a:g w:d kh")
+add("surplus field", "time,ax,ay,az,gx,gy,gz", "t a:g w:d k")
+add("surplus field empty", "time,ax,ay,az,gx,gy,gz", "t a:g w:d z z")
+add("header with a surplus name", "time,ax,ay,az,gx,gy,gz,label", "t a:g w:d")
+add("X/Y/Z over three lines", "", "", lines=lambda s: [f"{x.upper()}: {s['a'][k][j]:.4f}" for k in range(N) for j, x in enumerate("xyz")], want="a", file="log.txt", given={"rate": 100})
+add("AX over six lines", "", "", lines=lambda s: [f"{n}{x.upper()} = {s[q][k][j]:.4f}" for k in range(N) for n, q in (("A", "a"), ("G", "w")) for j, x in enumerate("xyz")], want="aw", file="log.txt", given={"rate": 100})
+add("JSON lines of DataFlash", "", "", lines=lambda s: ['{"meta": {"type": "IMU", "timestamp": %.6f}, "data": {"TimeUS": %d, "I": 0, "GyrX": %.7g, "GyrY": %.7g, "GyrZ": %.7g, "AccX": %.7g, "AccY": %.7g, "AccZ": %.7g}}' % (E0 + t, 7e6 + 1e6 * t, *s["w"][k], *s["a"][k]) for k, t in enumerate(T)], want="wa", file="log.json")
+add("Sensor Logger JSON", "", "", lines=lambda s: ["[" + ",\n".join(one for k, t in enumerate(T) for one in ['{"sensor":"Accelerometer","time":"%d","seconds_elapsed":"%.4f","x":"%.6f","y":"%.6f","z":"%.6f"}' % (E0 * 10**9 + round(t * 1e9), t + 0.1, *s["f"][k]), '{"sensor":"Gyroscope","time":"%d","seconds_elapsed":"%.4f","z":"%.7g","y":"%.7g","x":"%.7g"}' % (E0 * 10**9 + round(t * 1e9), t + 0.1, *s["w"][k][::-1]), '{"sensor":"TotalAcceleration","time":"%d","seconds_elapsed":"%.4f","x":"%.7g","y":"%.7g","z":"%.7g"}' % (E0 * 10**9 + round(t * 1e9), t + 0.1, *s["a"][k])]) + "]"], want="wa", file="log.json")
+add("RAWIMUSA", "", "", lines=lambda s: [f"%RAWIMUSA,2245,{390884 + t:.3f};2245,{390884 + t:.9f},00000077," + ",".join(str(int(v)) for v in s["a"][k] * 1000) + "*12345678" for k, t in enumerate(T)], refuse="not_a_log", file="log.asc")
+# --- phone apps
+add("phyphox accel", '"Time (s)","Acceleration x (m/s^2)","Acceleration y (m/s^2)","Acceleration z (m/s^2)","Absolute acceleration (m/s^2)"', "t a:m norm:m")
+add("phyphox linear", '"Time (s)","Linear Acceleration x (m/s^2)","Linear Acceleration y (m/s^2)","Linear Acceleration z (m/s^2)"', "t f:m", refuse="gravity_free")
+add("phyphox tab", "Time (s)\tGyroscope x (rad/s)\tGyroscope y (rad/s)\tGyroscope z (rad/s)\tAbsolute (rad/s)", "t w:r n:1.5", mark="\t", file="Raw Data.csv")
+add("phyphox mag", '"Time (s)";"Magnetic field x (\u00b5T)";"Magnetic field y (\u00b5T)";"Magnetic field z (\u00b5T)"', "t m:uT", mark=";")
+add("SensorLog", "loggingTime(txt),loggingSample(N),accelerometerTimestamp_sinceReboot(s),accelerometerAccelerationX(G),accelerometerAccelerationY(G),accelerometerAccelerationZ(G),gyroTimestamp_sinceReboot(s),gyroRotationX(rad/s),gyroRotationY(rad/s),gyroRotationZ(rad/s),motionYaw(rad),motionRoll(rad),motionPitch(rad),motionUserAccelerationX(G),motionUserAccelerationY(G),motionUserAccelerationZ(G)", "D i t a:g t w:r e f:g")
+add("SensorLog motion", "loggingTime(txt),motionTimestamp_sinceReboot(s),motionRotationRateX(rad/s),motionRotationRateY(rad/s),motionRotationRateZ(rad/s),motionGravityX(G),motionGravityY(G),motionGravityZ(G),motionUserAccelerationX(G),motionUserAccelerationY(G),motionUserAccelerationZ(G)", "D t w:r v:g f:g", want="w")
+add("AndroSensor", "ACCELEROMETER X (m/s\u00b2);ACCELEROMETER Y (m/s\u00b2);ACCELEROMETER Z (m/s\u00b2);GRAVITY X (m/s\u00b2);GRAVITY Y (m/s\u00b2);GRAVITY Z (m/s\u00b2);LINEAR ACCELERATION X (m/s\u00b2);LINEAR ACCELERATION Y (m/s\u00b2);LINEAR ACCELERATION Z (m/s\u00b2);GYROSCOPE X (rad/s);GYROSCOPE Y (rad/s);GYROSCOPE Z (rad/s);MAGNETIC FIELD X (\u03bcT);MAGNETIC FIELD Y (\u03bcT);MAGNETIC FIELD Z (\u03bcT);Time since start in ms ;YYYY-MO-DD HH-MI-SS_SSS", "a:m v:m f:m w:r m:uT tms D", mark=";")
+add("Physics Toolbox", "time;gFx;gFy;gFz;wx;wy;wz", "t a:g w:r", mark=";")
+add("Sensor Kinetics", "Time since start in seconds ,X value,Y value,Z value", "t a:m", file="accelerometer.csv")
+add("PowerSense", "timestamp,accelerometerAccelX,accelerometerAccelY,accelerometerAccelZ,gyroscopeRotX,gyroscopeRotY,gyroscopeRotZ", "Ts a:g w:r")
+add("Sensor Logger combined", "time,seconds_elapsed,TotalAcceleration_x,TotalAcceleration_y,TotalAcceleration_z,Gyroscope_x,Gyroscope_y,Gyroscope_z,Magnetometer_x,Magnetometer_y,Magnetometer_z", "Tns t a:m w:r m:uT")
+add("HyperIMU", "Timestamp,accelerometer.x,accelerometer.y,accelerometer.z,gyroscope.x,gyroscope.y,gyroscope.z,magnetic.x,magnetic.y,magnetic.z", "tms a:m w:r m:uT")
+add("HyperIMU real", "timestamp,LSM6DSO Accelerometer.x,LSM6DSO Accelerometer.y,LSM6DSO Accelerometer.z,LSM6DSO Gyroscope.x,LSM6DSO Gyroscope.y,LSM6DSO Gyroscope.z", "Tms a:m w:r")
+add("Matlab Mobile", "timestamp,X,Y,Z", "D a:m", file="Acceleration.csv")
+add("Matlab Mobile 2", "Timestamp,X,Y,Z", "D w:r", file="AngularVelocity.csv")
+add("GetSensorData", "", "", lines=lambda s: [one for k, t in enumerate(T) for one in [f"ACCE;{t:.3f};{t+5:.3f};" + ";".join(f"{v:.5f}" for v in s["a"][k]) + ";3", f"GYRO;{t+.001:.3f};{t+5:.3f};" + ";".join(f"{v:.5f}" for v in s["w"][k]) + ";3"]], refuse="several_kinds", file="logfile.txt")
+add("OxIOD", "Time,attitude_roll(radians),attitude_pitch(radians),attitude_yaw(radians),rotation_rate_x(radians/s),rotation_rate_y(radians/s),rotation_rate_z(radians/s),gravity_x(G),gravity_y(G),gravity_z(G),user_acc_x(G),user_acc_y(G),user_acc_z(G),magnetic_field_x(microteslas),magnetic_field_y(microteslas),magnetic_field_z(microteslas)", "t e w:r v:g f:g m:uT", want="wm")
+add("OxIOD no header", "", "t e w:r v:g f:g m:uT", want="wm", refuse="columns_unclear")
+add("iPhone DeviceMotion", "timestamp,rotationRate.x,rotationRate.y,rotationRate.z,userAcceleration.x,userAcceleration.y,userAcceleration.z,attitude.roll,attitude.pitch,attitude.yaw", "Ts w:r f:g e", want="w")
+add("Web DeviceMotion", "t,accelerationIncludingGravity.x,accelerationIncludingGravity.y,accelerationIncludingGravity.z,acceleration.x,acceleration.y,acceleration.z,rotationRate.alpha,rotationRate.beta,rotationRate.gamma,interval", "tms a:m f:m wzxy:d n:16", want="aw")
+add("Movesense", "Timestamp (ms),x (m/s^2),y (m/s^2),z (m/s^2)", "tms a:m", file="Acc.csv")
+add("Polar", "Phone timestamp;sensor timestamp [ns];X [mg];Y [mg];Z [mg]", "D tns a:mg", mark=";", file="Polar_H10_ACC.txt")
+add("Garmin", "timestamp_ms,acc_x_mg,acc_y_mg,acc_z_mg", "tms a:mg")
+# --- boards and sensors
+add("Shimmer", 'sep=\t\nShimmer_B3E7_Timestamp_Unix_CAL\tShimmer_B3E7_Accel_LN_X_CAL\tShimmer_B3E7_Accel_LN_Y_CAL\tShimmer_B3E7_Accel_LN_Z_CAL\tShimmer_B3E7_Gyro_X_CAL\tShimmer_B3E7_Gyro_Y_CAL\tShimmer_B3E7_Gyro_Z_CAL\tShimmer_B3E7_Mag_X_CAL\tShimmer_B3E7_Mag_Y_CAL\tShimmer_B3E7_Mag_Z_CAL\nms\tm/(s^2)\tm/(s^2)\tm/(s^2)\tdeg/s\tdeg/s\tdeg/s\tlocal_flux\tlocal_flux\tlocal_flux', "Tms a:m w:d m:G", want="aw", mark="\t")
+add("MetaWear", "epoch (ms),time (-13:00),elapsed (s),x-axis (g),y-axis (g),z-axis (g)", "Tms D t a:g", file="MetaWear_2020_Accelerometer.csv")
+add("MetaWear gyro", "epoch (ms),timestamp (-0700),elapsed (s),x-axis (deg/s),y-axis (deg/s),z-axis (deg/s)", "Tms D t w:d", file="MetaWear_Gyroscope_100.000Hz_1.4.csv")
+add("WitMotion", "Time(s)\tax(g)\tay(g)\taz(g)\twx(deg/s)\twy(deg/s)\twz(deg/s)\tAngleX(deg)\tAngleY(deg)\tAngleZ(deg)\tT(\u00b0)", "t a:g w:d e tmp", mark="\t", file="w.txt")
+add("WitMotion Chinese", "\u65f6\u95f4,\u8bbe\u5907\u540d\u79f0,\u7247\u4e0a\u65f6\u95f4(),\u52a0\u901f\u5ea6X(g),\u52a0\u901f\u5ea6Y(g),\u52a0\u901f\u5ea6Z(g),\u89d2\u901f\u5ea6X(\u00b0/s),\u89d2\u901f\u5ea6Y(\u00b0/s),\u89d2\u901f\u5ea6Z(\u00b0/s),\u89d2\u5ea6X(\u00b0),\u89d2\u5ea6Y(\u00b0),\u89d2\u5ea6Z(\u00b0),\u78c1\u573aX(ut),\u78c1\u573aY(ut),\u78c1\u573aZ(ut)", "D s:WT D a:g w:d e m:uT", encoding="gb18030")
+add("LPMS", "SensorId, TimeStamp (s), FrameNumber, AccX (g), AccY (g), AccZ (g), GyroX (deg/s), GyroY (deg/s), GyroZ (deg/s), MagX (uT), MagY (uT), MagZ (uT), EulerX (deg), EulerY (deg), EulerZ (deg), QuatW, QuatX, QuatY, QuatZ, LinAccX (g), LinAccY (g), LinAccZ (g), Pressure (kPa)", "n:1 t i a:g w:d m:uT e q f:g p")
+add("NGIMU", "Time (s),Gyroscope X (deg/s),Gyroscope Y (deg/s),Gyroscope Z (deg/s),Accelerometer X (g),Accelerometer Y (g),Accelerometer Z (g),Magnetometer X (uT),Magnetometer Y (uT),Magnetometer Z (uT),Barometer (hPa)", "t w:d a:g m:uT p")
+add("x-IMU3", "Timestamp (us),Gyroscope X (deg/s),Gyroscope Y (deg/s),Gyroscope Z (deg/s),Accelerometer X (g),Accelerometer Y (g),Accelerometer Z (g)", "tus w:d a:g")
+add("x-IMU", "Packet number,Gyroscope X (deg/s),Gyroscope Y (deg/s),Gyroscope Z (deg/s),Accelerometer X (g),Accelerometer Y (g),Accelerometer Z (g),Magnetometer X (G),Magnetometer Y (G),Magnetometer Z (G)", "i w:d a:g m:G", file="x_CalInertialAndMag.csv")
+add("ST", "hh:mm:ss.ms,AccX [mg],AccY [mg],AccZ [mg],GyroX [mdps],GyroY [mdps],GyroZ [mdps],MagX [mGa],MagY [mGa],MagZ [mGa]", "C a:mg w:md m:mG")
+add("ST iNEMO", "timer\tA_x [mg]\tA_y [mg]\tA_z [mg]\tG_x [dps]\tG_y [dps]\tG_z [dps]\tM_x [mG]\tM_y [mG]\tM_z [mG]", "tms a:mg w:d m:mG", mark="\t")
+add("STBLESensor", "Date,HostTimestamp (ms),NodeName,NodeTimestamp,RawData,X (mg),Y (mg),Z (mg)", "D tms s:NODE tms s:AA a:mg", file="20230501_Accelerometer.csv")
+add("OpenLog Artemis", "rtcDate,rtcTime,aX,aY,aZ,gX,gY,gZ,mX,mY,mZ,imu_degC,output_Hz", "Du C a:mg w:d m:uT tmp n:100.000")
+add("Razor", "", "", lines=lambda s: ["#YPR=0.1,0.2,0.3"] * 0 + [f"#A-C={s['a'][k][0]:.2f},{s['a'][k][1]:.2f},{s['a'][k][2]:.2f}" for k in range(N)], refuse=True, file="log.txt")
+add("Arduino Nano", "aX,aY,aZ,gX,gY,gZ", "a:g w:d")
+add("Arduino Nano ms", "millis,aX,aY,aZ,gX,gY,gZ", "tms a:g w:d")
+add("MPU counts", "ax,ay,az,gx,gy,gz,t", "a:c w:c tms", expect="counts")
+add("MPU names", "Time,AcX,AcY,AcZ,Tmp,GyX,GyY,GyZ", "tms a:c tmp w:c", expect="counts")
+add("BNO055", "time_ms,gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z,mag_x,mag_y,mag_z,euler_h,euler_r,euler_p,lia_x,lia_y,lia_z,grv_x,grv_y,grv_z", "tms w:d a:m m:uT e f:m v:m")
+add("ICM20948", "timestamp_us,acc_x_mg,acc_y_mg,acc_z_mg,gyr_x_dps,gyr_y_dps,gyr_z_dps,mag_x_uT,mag_y_uT,mag_z_uT,tmp_c", "tus a:mg w:d m:uT tmp")
+add("OpenIMU", "time,xAccel,yAccel,zAccel,xRate,yRate,zRate,xMag,yMag,zMag", "t a:m w:d m:G")
+add("OpenIMU units", "time (msec), xAccel (m/s^2), yAccel (m/s^2), zAccel (m/s^2), xRate (deg/s), yRate (deg/s), zRate (deg/s), xMag (Gauss), yMag (Gauss), zMag (Gauss), temp (C)", "tms a:m w:d m:G tmp")
+add("MicroStrain", "Time,X Accel [x8004],Y Accel [x8004],Z Accel [x8004],X Gyro [x8005],Y Gyro [x8005],Z Gyro [x8005]", "t a:g w:r")
+add("VectorNav CSV", "VNYPR.Yaw,VNIMU.Accel.X,VNIMU.Accel.Y,VNIMU.Accel.Z,VNIMU.Gyro.X,VNIMU.Gyro.Y,VNIMU.Gyro.Z,VNTime.TimeStartup", "p a:m w:r tns")
+add("SBG", "timestamp,status,accelX,accelY,accelZ,gyroX,gyroY,gyroZ,temperature,deltaVelX,deltaVelY,deltaVelZ,deltaAngleX,deltaAngleY,deltaAngleZ", "tus n:255 a:m w:r tmp a:m w:r", want="aw")
+add("SBG units", "Timestamp\tAcceleration X\tAcceleration Y\tAcceleration Z\tRate of Turn X\tRate of Turn Y\tRate of Turn Z\n(us)\t(m.s^-2)\t(m.s^-2)\t(m.s^-2)\t(\u00b0.s^-1)\t(\u00b0.s^-1)\t(\u00b0.s^-1)", "tus a:m w:d", mark="\t")
+add("Xsens MT", "// Start Time: Unknown\n// Update Rate: 100.0Hz\n// Filter Profile: human\nPacketCounter\tSampleTimeFine\tAcc_X\tAcc_Y\tAcc_Z\tGyr_X\tGyr_Y\tGyr_Z\tMag_X\tMag_Y\tMag_Z", "i tus a:m w:r m:rel", want="aw", mark="\t",  file="MT.txt")
+add("Movella DOT", "Measurement Mode:,Custom\nDeviceTag:,D1\nOutputRate:,100Hz\nPacketCounter,SampleTimeFine,Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z", "i tus a:m w:d")
+add("Inertial Sense", "time,pqr[0],pqr[1],pqr[2],acc[0],acc[1],acc[2],status", "t w:r a:m n:3")
+add("iXblue", "Time,XV1_ROT,XV2_ROT,XV3_ROT,XV1_ACC,XV2_ACC,XV3_ACC", "t w:d a:m")
+add("KVH", "time,delta_x,delta_y,delta_z,accel_x,accel_y,accel_z,temp", "t n3 a:g tmp", want="a")
+add("Novatel converted", "Week,GPSTime,AccX(m/s2),AccY(m/s2),AccZ(m/s2),GyroX(deg/s),GyroY(deg/s),GyroZ(deg/s)", "week tow a:m w:d")
+add("Gladiator", "Time;GyroX[deg/sec];GyroY[deg/sec];GyroZ[deg/sec];AccelX[G];AccelY[G];AccelZ[G];Temp", "t w:d a:g tmp", mark=";")
+add("Honeywell", "msgcnt, wx (rad/sec), wy (rad/sec), wz (rad/sec), ax (m/sec^2), ay (m/sec^2), az (m/sec^2)", "i w:r a:m")
+add("Epson", "Count,GyroX,GyroY,GyroZ,AccelX,AccelY,AccelZ,Temperature", "i w:d a:mg tmp")
+add("Epson no", "No.,TIME[sec],Gx[deg/s],Gy[deg/s],Gz[deg/s],Ax[mG],Ay[mG],Az[mG],Ts[deg.C]", "i t w:d a:mg tmp")
+add("Bosch dev", "Timestamp[ms],Ax[m/s^2],Ay[m/s^2],Az[m/s^2],Gx[dps],Gy[dps],Gz[dps]", "tms a:m w:d")
+add("TDK", "Timestamp,Accel_X,Accel_Y,Accel_Z,Gyro_X,Gyro_Y,Gyro_Z,Temp", "tus a:g w:d tmp")
+add("Tinkerforge long", "TIME,NAME,UID,VAR,RAW,UNIT", "", lines=lambda s: [f"{E0 + t:.3f},IMU,6x,acc_{x},{s['a'][k][j] / G * 1000:.0f},mg" for k, t in enumerate(T) for j, x in enumerate("xyz")], refuse=True)
+add("Phidgets", "Time,AccX,AccY,AccZ,GyroX,GyroY,GyroZ,FieldX,FieldY,FieldZ", "tms a:g w:d m:G")
+add("Adafruit", "Timestamp, Acceleration X, Acceleration Y, Acceleration Z, Gyro X, Gyro Y, Gyro Z, Magnetic X, Magnetic Y, Magnetic Z", "t a:m w:r m:uT")
+add("micro:bit", "Time (seconds),accelerometer x,accelerometer y,accelerometer z", "t a:mg")
+add("Sense HAT", "timestamp,accel_x,accel_y,accel_z,gyro_x,gyro_y,gyro_z,mag_x,mag_y,mag_z,temp,humidity,pressure,pitch,roll,yaw", "D a:g w:r m:uT tmp p p e")
+# --- data loggers and lab software
+add("TOA5", '"TOA5","CR6","CR6","1","OS","CPU:p.CR6","1","T1"\n"TIMESTAMP","RECORD","Ax","Ay","Az"\n"TS","RN","g","g","g"\n"","","Smp","Smp","Smp"', "D i a:g", edit=lambda line: '"' + line.replace(",", '",', 1), file="t.dat")
+add("HOBO", '"Plot Title: x"\n"#","Date Time, GMT+00:00","X Accel, g","Y Accel, g","Z Accel, g"', "i D a:g")
+add("GCDC", ";Title, http://www.gcdataconcepts.com, X2\n;Version, 1\n;Start_time, 2023-05-01, 11:59:58.000\n;SampleRate, 100,Hz\n;Headers, time,Ax,Ay,Az", "t a:c", expect="counts")
+add("enDAQ", "timestamp,X (40g),Y (40g),Z (40g)", "t a:g")
+add("enDAQ acc", '"Time","\\"X (500g)\\", \\"g\\""', "t a:g")
+add("DeweSoft", "Time (s);Ax (g);Ay (g);Az (g)", "t a:g", mark=";", edit=lambda line: line.replace(".", ","))
+add("Delsys", "X[s],Trigno sensor 1: ACC.X 1[g],X[s],Trigno sensor 1: ACC.Y 1[g],X[s],Trigno sensor 1: ACC.Z 1[g]", "", lines=lambda s: [",".join(f"{t:.3f},{v:.6f}" for v in s["a"][k] / G) for k, t in enumerate(T)], want="a")
+add("Vicon", "Devices\n100\n,,IMU - Accel,,,IMU - Gyro,,\nFrame,Sub Frame,x,y,z,x,y,z\n,,m/s\u00b2,m/s\u00b2,m/s\u00b2,deg/s,deg/s,deg/s", "i n:0 a:m w:d")
+add("Noraxon", "time,Shank LT Accel Sens X (mG),Shank LT Accel Sens Y (mG),Shank LT Accel Sens Z (mG)", "t a:mg")
+add("ActiGraph raw", "------------ Data File Created By ActiGraph GT3X+ ActiLife v6.13.3 Firmware v1.9.2 date format M/d/yyyy at 100 Hz  Filter Normal -----------\nSerial Number: X\nStart Time 11:59:58\nStart Date 5/1/2023\nEpoch Period (hh:mm:ss) 00:00:00\nDownload Time 12:00:00\nDownload Date 5/2/2023\nCurrent Memory Address: 0\nCurrent Battery Voltage: 4.1     Mode = 12\n--------------------------------------------------\nAccelerometer X,Accelerometer Y,Accelerometer Z", "a:g")
+add("ActiGraph IMU", "Timestamp,Accelerometer X,Accelerometer Y,Accelerometer Z,Temperature,Gyroscope X,Gyroscope Y,Gyroscope Z,Magnetometer X,Magnetometer Y,Magnetometer Z", "D a:g tmp w:d m:uT")
+add("Axivity CSV", "", "D a:g", file="cwa.csv")
+add("GENEActiv CSV", "Device Type,GENEActiv\nMeasurement Frequency,100 Hz\nStart Time,2023-05-01 11:59:58:000\n" + "\n".join(f"Header {k},x" for k in range(20)), "D a:g n:12 n:0 tmp", want="a", refuse="columns_unclear")
+add("BioStamp", "Timestamp (microseconds),Accel X (g),Accel Y (g),Accel Z (g)", "Tus a:g")
+add("Empatica E4", "1700000000.0,1700000000.0,1700000000.0\n100.0,100.0,100.0", "a:g", file="ACC.csv", lines=lambda s: [",".join(f"{v * 64 / G:.0f}" for v in s["a"][k]) for k in range(N)], known={"accel": f"{1/64} g"}, tolerance=0.02)
+add("APDM CSV", "Time (s),Sensor 1/Accelerometer X (m/s^2),Sensor 1/Accelerometer Y (m/s^2),Sensor 1/Accelerometer Z (m/s^2),Sensor 1/Gyroscope X (rad/s),Sensor 1/Gyroscope Y (rad/s),Sensor 1/Gyroscope Z (rad/s)", "t a:m w:r")
+# --- robots, drones, vehicles
+add("EuRoC", "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]", "Tns w:r a:m", file="data.csv")
+add("KITTI oxts", "lat lon alt roll pitch yaw vn ve vf vl vu ax ay az af al au wx wy wz wf wl wu", "L e p p n3 a:m v:m w:r w:r", want="aw", mark=" ", file="oxts.txt")
+add("Boreas", "GPSTime,angvel_z,angvel_y,angvel_x,accelz,accely,accelx", "Ts wzyx:r azyx:m")
+add("NCLT", "", "Tus m:G a:m w:r", file="ms25.csv")
+add("rostopic -p", "%time,field.header.seq,field.header.stamp,field.header.frame_id,field.orientation.x,field.orientation.y,field.orientation.z,field.orientation.w,field.angular_velocity.x,field.angular_velocity.y,field.angular_velocity.z,field.linear_acceleration.x,field.linear_acceleration.y,field.linear_acceleration.z", "Tns i Tns s:imu q w:r a:m")
+add("bagpy", "Time,header.seq,header.stamp.secs,header.stamp.nsecs,header.frame_id,angular_velocity.x,angular_velocity.y,angular_velocity.z,linear_acceleration.x,linear_acceleration.y,linear_acceleration.z", "Ts i sec nsec s:imu w:r a:m")
+add("PlotJuggler", "__time,/imu/data/angular_velocity/x,/imu/data/angular_velocity/y,/imu/data/angular_velocity/z,/imu/data/linear_acceleration/x,/imu/data/linear_acceleration/y,/imu/data/linear_acceleration/z", "Ts w:r a:m")
+add("PX4 csv", "timestamp,timestamp_sample,device_id,x,y,z,temperature,error_count,clip_counter[0],clip_counter[1],clip_counter[2],samples", "tus tus n:2818058 w:r tmp n:0 n:0 n:0 n:0 n:4", file="log_1_sensor_gyro_0.csv")
+add("PX4 combined csv", "timestamp,gyro_rad[0],gyro_rad[1],gyro_rad[2],gyro_integral_dt,accelerometer_timestamp_relative,accelerometer_m_s2[0],accelerometer_m_s2[1],accelerometer_m_s2[2],accelerometer_integral_dt", "tus w:r n:4000 n:0 a:m n:4000", file="log_sensor_combined_0.csv")
+add("PX4 mag csv", "timestamp,timestamp_sample,device_id,x,y,z,temperature,error_count", "tus tus n:396825 m:G tmp n:0", file="log_sensor_mag_0.csv")
+add("mavlogdump csv", "timestamp,TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,EG,EA,T,GH,AH,GHz,AHz", "Ts tus n:0 w:r a:m n:0 n:0 tmp n:1 n:1 n:1000 n:1000")
+add("SCALED_IMU", "timestamp,time_boot_ms,xacc,yacc,zacc,xgyro,ygyro,zgyro,xmag,ymag,zmag,temperature", "Ts tms a:mg w:mr m:mG tmp")
+add("QGC", "Timestamp,rawImu.xacc,rawImu.yacc,rawImu.zacc,rawImu.xgyro,rawImu.ygyro,rawImu.zgyro", "D a:mg w:mr")
+add("DJI", "Clock:offsetTime,IMU_ATTI(0):accelX,IMU_ATTI(0):accelY,IMU_ATTI(0):accelZ,IMU_ATTI(0):gyroX,IMU_ATTI(0):gyroY,IMU_ATTI(0):gyroZ,IMU_ATTI(0):magX,IMU_ATTI(0):magY,IMU_ATTI(0):magZ", "t a:g w:d m:uT")
+add("DJI brackets", "tickNo,offsetTime,ATTI_PRINTF(0):accelX[meters/sec2],ATTI_PRINTF(0):accelY[meters/sec2],ATTI_PRINTF(0):accelZ[meters/sec2],gyroX[degrees/sec],gyroY[degrees/sec],gyroZ[degrees/sec]", "I t a:m w:d")
+add("Betaflight csv", "loopIteration,time,gyroADC[0],gyroADC[1],gyroADC[2],accSmooth[0],accSmooth[1],accSmooth[2]", "i tus w:d a:c", lines=lambda s: [",".join([str(k), f"{7e6 + 1e6 * t:.0f}", *(f"{v:.3f}" for v in s["w"][k] / DEG), *(f"{v:.0f}" for v in s["a"][k] / G * 2048)]) for k, t in enumerate(T)], known={"accel": f"{1/2048:.12g} g"})
+add("Kalibr", "timestamp,omega_x,omega_y,omega_z,alpha_x,alpha_y,alpha_z", "Tns w:r a:m")
+add("ZED", "timestamp,angular_velocity_x,angular_velocity_y,angular_velocity_z,linear_acceleration_x,linear_acceleration_y,linear_acceleration_z", "Tns w:d a:m")
+add("RealSense", "timestamp_ms,accel_x,accel_y,accel_z", "tms a:m")
+add("ARCore", "imu_time,imu_gx,imu_gy,imu_gz,imu_ax,imu_ay,imu_az", "tns w:r a:m")
+add("AirSim", "TimeStamp\tACC_X\tACC_Y\tACC_Z\tANG_VEL_X\tANG_VEL_Y\tANG_VEL_Z\tQ_W\tQ_X\tQ_Y\tQ_Z", "Tns a:m w:r q", mark="\t")
+add("CARLA", "frame,timestamp,accel_x,accel_y,accel_z,gyro_x,gyro_y,gyro_z,compass", "i t a:m w:r n:1.2")
+add("nuScenes", "", "", lines=lambda s: ["[" + ",\n".join('{"linear_accel": [%.6f, %.6f, %.6f], "orientation": [1.0, 0.0, 0.0, 0.0], "rotation_rate": [%.6f, %.6f, %.6f], "utime": %d}' % (*s["a"][k], *s["w"][k], E0 * 10**6 + round(t * 1e6)) for k, t in enumerate(T)) + "]"], want="aw", file="scene-0061_ms_imu.json")
+add("comma", "t,accelerometer.v[0],accelerometer.v[1],accelerometer.v[2],gyro.v[0],gyro.v[1],gyro.v[2]", "t a:m w:r")
+add("Gyroflow", "GYROFLOW IMU LOG\nversion,1.3\nid,x\ntscale,0.001\ngscale,0.017453292519943\nascale,1\nt,gx,gy,gz,ax,ay,az", "tms w:d a:g", file="x.gcsv")
+add("Blackbox sections", "time (us), gyroX, gyroY, gyroZ, accX, accY, accZ", "tus w:d a:g")
+# --- plain habits
+add("no header 7", "", "t w:r a:m")
+add("no header 7 deg g", "", "t w:d a:g")
+add("no header 10", "", "t w:r a:m m:uT")
+add("no header 4 accel", "", "t a:m")
+add("no header 4 file", "", "t w:r", file="gyro.csv")
+add("no header 4 mag file", "", "t m:uT", file="magnetometer.txt")
+add("imu_tk", "", "", lines=lambda s: [f"   {t:.7e}   " + "   ".join(f"{v:.7e}" for v in s["a"][k]) for k, t in enumerate(T)], want="a", file="xsens_acc.mat.txt")
+add("x y z and file", "t,x,y,z", "t a:m", file="accel.csv")
+add("x y z no word", "t,x,y,z", "t a:m")
+add("x y z no word gyro", "t,x,y,z", "t w:r")
+add("x y z no word mag", "t,x,y,z", "t m:uT", knows={"columns": {"mag": "1:3"}})
+add("x y z with units", "t (s),x (m/s^2),y (m/s^2),z (m/s^2)", "t a:m")
+add("X Y Z uT", "Time,X (uT),Y (uT),Z (uT)", "t m:uT")
+add("two triples x y z", "t,x,y,z,x,y,z", "t a:m w:r")
+add("unit line", "time,ax,ay,az,gx,gy,gz\ns,g,g,g,deg/s,deg/s,deg/s", "t a:g w:d")
+add("unit line braces", "time,ax,ay,az,gx,gy,gz\n[s],[g],[g],[g],[dps],[dps],[dps]", "t a:g w:d")
+add("spaces aligned", "   time        ax        ay        az", "", lines=lambda s: [f"{t:8.3f}" + "".join(f"{v:10.5f}" for v in s["a"][k]) for k, t in enumerate(T)], want="a", file="log.txt")
+add("German", "Zeit;Beschleunigung X;Beschleunigung Y;Beschleunigung Z;Drehrate X;Drehrate Y;Drehrate Z", "t a:m w:d", mark=";", edit=lambda line: line.replace(".", ","))
+add("French", "Temps (s);Acc\u00e9l\u00e9ration X (m/s\u00b2);Acc\u00e9l\u00e9ration Y (m/s\u00b2);Acc\u00e9l\u00e9ration Z (m/s\u00b2);Vitesse angulaire X (rad/s);Vitesse angulaire Y (rad/s);Vitesse angulaire Z (rad/s)", "t a:m w:r", mark=";")
+add("Spanish", "Tiempo (s),Aceleraci\u00f3n X (m/s\u00b2),Aceleraci\u00f3n Y (m/s\u00b2),Aceleraci\u00f3n Z (m/s\u00b2)", "t a:m")
+add("Japanese", "\u6642\u9593,\u52a0\u901f\u5ea6X[G],\u52a0\u901f\u5ea6Y[G],\u52a0\u901f\u5ea6Z[G],\u89d2\u901f\u5ea6X[dps],\u89d2\u901f\u5ea6Y[dps],\u89d2\u901f\u5ea6Z[dps]", "t a:g w:d")
+add("roll pitch yaw rates", "time,roll_rate,pitch_rate,yaw_rate,accel_x,accel_y,accel_z", "t w:d a:m")
+add("p q r", "time,p,q,r,nx,ny,nz", "t w:r a:g")
+add("p q r ax", "time,p,q,r,ax,ay,az", "t w:r a:m")
+add("numbered", "t,acc1,acc2,acc3,gyr1,gyr2,gyr3", "t a:m w:d")
+add("two IMUs", "t,imu0_ax,imu0_ay,imu0_az,imu0_gx,imu0_gy,imu0_gz,imu1_ax,imu1_ay,imu1_az,imu1_gx,imu1_gy,imu1_gz", "t a:m w:r a:m w:r")
+add("wrist", "timestamp,wrist_acc_x,wrist_acc_y,wrist_acc_z,wrist_gyr_x,wrist_gyr_y,wrist_gyr_z", "Tms a:m w:d")
+add("IMU_ names", "TIMESTAMP,IMU_ACC_X,IMU_ACC_Y,IMU_ACC_Z,IMU_GYRO_X,IMU_GYRO_Y,IMU_GYRO_Z,IMU_TEMP", "tms a:g w:d tmp")
+add("specific force", "TOW,f_x,f_y,f_z,w_x,w_y,w_z", "tow a:m w:r")
+add("fb wb", "t,f_ib_b_x,f_ib_b_y,f_ib_b_z,omega_ib_b_x,omega_ib_b_y,omega_ib_b_z", "t a:m w:r")
+add("forward left up", "t,acc_fwd,acc_left,acc_up,gyro_fwd,gyro_left,gyro_up", "t a:m w:r", refuse=True)
+add("body axes", "t,ax_body,ay_body,az_body,wx_body,wy_body,wz_body", "t a:m w:r")
+add("label at the end", "timestamp,ax,ay,az,gx,gy,gz,activity", "Tms a:g w:d s:walk")
+add("tabs and index", "\tt\tax\tay\taz", "i t a:m", mark="\t")
+add("two clocks", "sys_time,dev_time,ax,ay,az,gx,gy,gz", "Ts tms a:g w:d")
+add("norms beside", "time,acc_x,acc_y,acc_z,acc_norm,gyro_x,gyro_y,gyro_z", "t a:m norm:m w:r")
+add("raw and filtered", "t,ax_filt,ay_filt,az_filt,ax_raw,ay_raw,az_raw", "t a:m a:m")
+add("calibration columns", "t,acc_x,acc_y,acc_z,acc_bias_x,acc_bias_y,acc_bias_z,gyr_x,gyr_y,gyr_z", "t a:m n3 w:r")
+add("std columns", "t,gyro_x,gyro_y,gyro_z,gyro_std_x,gyro_std_y,gyro_std_z", "t w:r n3")
+add("setpoints", "t,rate_setpoint_x,rate_setpoint_y,rate_setpoint_z,gyro_x,gyro_y,gyro_z", "t n3 w:r")
+add("jerk", "t,jerk_x,jerk_y,jerk_z", "t n3", refuse="no_sensor")
+add("angular acceleration", "t,angular_acceleration_x,angular_acceleration_y,angular_acceleration_z,gyro_x,gyro_y,gyro_z", "t n3 w:r")
+add("angular acceleration alone", "t,angular_acceleration_x,angular_acceleration_y,angular_acceleration_z", "t n3", refuse=True)
+add("forces of a plate", "Time,Fx,Fy,Fz,Mx,My,Mz,COPx,COPy", "t n3 n3 p p", refuse=True)
+add("markers", "Frame,Time,LASI_x,LASI_y,LASI_z,RASI_x,RASI_y,RASI_z", "i t n3 n3", refuse=True)
+add("joint torques", "t,tau_x,tau_y,tau_z", "t n3", refuse=True)
+add("velocities", "t,vx,vy,vz", "t n3", refuse="no_sensor")
+add("positions", "t,x,y,z,vx,vy,vz", "t n3 n3", refuse=True)
+add("motor currents", "t,i_x,i_y,i_z", "t n3", refuse=True)
+add("colours", "t,r,g,b", "t n3", refuse=True)
+add("weather", "time,temperature,humidity,pressure", "t tmp p p", want="", refuse=None, weather=True)
+# statements against options
+add("units against header", "t [s],gx [rad/s],gy [rad/s],gz [rad/s]", "t w:r", given={"units": {"gyro": "deg/s"}}, said="against_header")
+add("phone mag hard iron", "time,x,y,z", "t", lines=lambda s: [f"{t:.3f}," + ",".join(f"{v:.3f}" for v in s["m"][k] * 1e6 + [300, -250, 260]) for k, t in enumerate(T)], file="magnetometer.csv", given={"units": {"mag": "uT"}}, hardiron=True, want="m")
+
+# --- written afterwards
+add("accel_mss", "time_usec,accel_x_mss,accel_y_mss,accel_z_mss,gyro_x_rads,gyro_y_rads,gyro_z_rads", "tus a:m w:r")
+add("elapsed", "elapsed_ms,AccelX_g,AccelY_g,AccelZ_g,GyroX_dps,GyroY_dps,GyroZ_dps", "tms a:g w:d")
+add("Core Motion rotation", "time,acceleration_x,acceleration_y,acceleration_z,rotation_x,rotation_y,rotation_z", "t a:g w:r")
+add("two feet", "Timestamp,LeftFoot_Acc_X,LeftFoot_Acc_Y,LeftFoot_Acc_Z,LeftFoot_Gyro_X,LeftFoot_Gyro_Y,LeftFoot_Gyro_Z,RightFoot_Acc_X,RightFoot_Acc_Y,RightFoot_Acc_Z,RightFoot_Gyro_X,RightFoot_Gyro_Y,RightFoot_Gyro_Z", "tms a:m w:d a:m w:d")
+add("M5", "ms,accx,accy,accz,gyrox,gyroy,gyroz", "tms a:g w:d")
+add("BerryIMU", "ACCX,ACCY,ACCZ,GYRX,GYRY,GYRZ,MAGX,MAGY,MAGZ,Timestamp", "a:g w:d m:uT Ts")
+add("wx wy wz mx T", "#time,ax,ay,az,wx,wy,wz,mx,my,mz,T", "t a:m w:r m:uT tmp")
+add("UZH-FPV", "# id timestamp ang_vel_x ang_vel_y ang_vel_z lin_acc_x lin_acc_y lin_acc_z", "i Ts w:r a:m", mark=" ", file="imu.txt")
+add("ADVIO gyro", "", "t w:r", file="gyroscope.csv")
+add("ADVIO acc", "", "t a:g", file="accelerometer.csv")
+add("Zurich RawGyro", "Timestamp, Error_count, x, y, z, temperature, range_rad_s, scaling, x_raw, y_raw, z_raw, temperature_raw", "tus n:0 w:r tmp n:34.9 n:0.001 w:c tmp", file="RawGyro.csv", want="w")
+add("Zurich RawAccel", "Timestamp, Error_count, x, y, z, temperature, range_m_s2, scaling, x_raw, y_raw, z_raw, temperature_raw", "tus n:0 a:m tmp n:78.4 n:0.002 a:c tmp", file="RawAccel.csv", want="a")
+add("RobotCar ins", "timestamp,ins_status,latitude,longitude,altitude,northing,easting,down,utm_zone,velocity_north,velocity_east,velocity_down,roll,pitch,yaw", "Tus s:INS L n3 s:30U n3 e", refuse="no_sensor")
+add("RIDI", "time,gyro_x,gyro_y,gyro_z,acce_x,acce_y,acce_z,linacce_x,linacce_y,linacce_z,grav_x,grav_y,grav_z,magnet_x,magnet_y,magnet_z,ori_w,ori_x,ori_y,ori_z", "tns w:r a:m f:m v:m m:uT q")
+add("HHAR", "Index,Arrival_Time,Creation_Time,x,y,z,User,Model,Device,gt", "i Tms Tns a:m s:a s:nexus4 s:nexus4_1 s:stand", file="Phones_accelerometer.csv")
+add("HHAR gyro", "Index,Arrival_Time,Creation_Time,x,y,z,User,Model,Device,gt", "i Tms Tns w:r s:a s:nexus4 s:nexus4_1 s:stand", file="Phones_gyroscope.csv")
+add("Daphnet", "", "tms a:mg a:mg a:mg n:1", mark=" ", refuse=True, want="a")
+add("Blue Trident", "time_s,ax_m/s/s,ay_m/s/s,az_m/s/s,gx_deg/s,gy_deg/s,gz_deg/s,mx_uT,my_uT,mz_uT", "t a:m w:d m:uT")
+add("NXP", "Time(s), Acc X (g), Acc Y (g), Acc Z (g), Mag X (uT), Mag Y (uT), Mag Z (uT), Gyro X (dps), Gyro Y (dps), Gyro Z (dps)", "t a:g m:uT w:d")
+add("Edge Impulse", "timestamp,accX,accY,accZ,gyrX,gyrY,gyrZ", "tms a:m w:d")
+add("OpenBCI", "%OpenBCI Raw EEG Data\n%Number of channels = 2\n%Sample Rate = 100 Hz\n%Board = OpenBCI_GUI$BoardCytonSerial\nSample Index, EXG Channel 0, EXG Channel 1, Accel Channel 0, Accel Channel 1, Accel Channel 2, Other, Timestamp", "i256 n:1.5 n:2.5 a:g n:0 Ts")
+add("Muse", "timestamps,X,Y,Z", "Ts a:g", file="ACC_MUSE.csv")
+add("Emotiv", "Timestamp,MOT.CounterMems,MOT.InterpolatedMems,MOT.Q0,MOT.Q1,MOT.Q2,MOT.Q3,MOT.AccX,MOT.AccY,MOT.AccZ,MOT.MagX,MOT.MagY,MOT.MagZ", "Ts i256 n:0 q a:g m:uT")
+add("Pupil Neon", "section id,recording id,timestamp [ns],gyro x [deg/s],gyro y [deg/s],gyro z [deg/s],acceleration x [g],acceleration y [g],acceleration z [g],roll [deg],pitch [deg],yaw [deg],quaternion w,quaternion x,quaternion y,quaternion z", "s:5b1 s:a22 Tns w:d a:g e q")
+add("GoPro accel", '"cts","date","Accelerometer (z) [m/s2]","Accelerometer (x) [m/s2]","Accelerometer (y) [m/s2]","temperature [\u00b0C]"', "tms0 D azxy:m tmp")
+add("GoPro gyro", '"cts","date","Gyroscope (z) [rad/s]","Gyroscope (x) [rad/s]","Gyroscope (y) [rad/s]"', "tms0 D wzxy:r")
+add("Movella ENU", "PacketCounter,SampleTimeFine,FreeAcc_E,FreeAcc_N,FreeAcc_U,Gyr_X,Gyr_Y,Gyr_Z", "i tus f:m w:d", want="w")
+add("Foxglove", "timestamp,header.stamp.sec,header.stamp.nsec,header.frame_id,orientation.x,orientation.y,orientation.z,orientation.w,angular_velocity.x,angular_velocity.y,angular_velocity.z,linear_acceleration.x,linear_acceleration.y,linear_acceleration.z", "Ts sec nsec s:imu q w:r a:m")
+add("ThingSpeak", "created_at,entry_id,field1,field2,field3", "D i a:m", knows={"columns": {"accel": "2:4"}}, refuse=None, want="a")
+add("German Excel", "Zeit [ms];ACC_X [g];ACC_Y [g];ACC_Z [g];GYR_X [\u00b0/s];GYR_Y [\u00b0/s];GYR_Z [\u00b0/s]", "tms a:g w:d", mark=";", edit=lambda line: line.replace(".", ","))
+add("SensorConnect", "Time,Node 123:ch1,Node 123:ch2,Node 123:ch3", "D a:g", knows={"columns": {"accel": "1:3"}}, want="a")
+add("ZIPPER", "t,Ax1,Ay1,Az1,Gx1,Gy1,Gz1", "t a:g w:d")
+add("sensor number first", "time,1_acc_x,1_acc_y,1_acc_z,1_gyro_x,1_gyro_y,1_gyro_z", "t a:g w:d")
+add("axis words", "timestamp,accelerometer x-axis,accelerometer y-axis,accelerometer z-axis", "Ts a:m")
+add("X acceleration", "Time,X acceleration,Y acceleration,Z acceleration,X rotation rate,Y rotation rate,Z rotation rate", "t a:m w:r")
+add("Accel in x", "Time (s),Acceleration in x (m/s/s),Acceleration in y (m/s/s),Acceleration in z (m/s/s)", "t a:m")
+add("Ang Rate", "Sample,AngRateX,AngRateY,AngRateZ,AccelX,AccelY,AccelZ,TimeStamp(ms)", "i w:d a:g tms")
+add("IMU6", "counter,imu_acc_x,imu_acc_y,imu_acc_z,imu_gyr_x,imu_gyr_y,imu_gyr_z,imu_temp,time", "i256 a:m w:r tmp t")
+add("Crazyflie", "timestamp,acc.x,acc.y,acc.z,gyro.x,gyro.y,gyro.z,stabilizer.roll,stabilizer.pitch,stabilizer.yaw", "tms a:g w:d e")
+add("Crazyflie range", "timestamp,acc.x,acc.y,acc.z,stateEstimate.x,stateEstimate.y,stateEstimate.z", "tms a:g n3")
+add("Unitree", "time,imu_quat_w,imu_quat_x,imu_quat_y,imu_quat_z,imu_gyro_x,imu_gyro_y,imu_gyro_z,imu_acc_x,imu_acc_y,imu_acc_z,foot_force_x,foot_force_y,foot_force_z", "t q w:r a:m n3")
+add("Tesla-like dash", "gps_time,lat,lon,speed,accel_lat,accel_long,accel_vert", "Ts n3 n3", refuse=True)
+add("RaceBox", "Record,Time,Latitude,Longitude,Altitude,Speed,GForceX,GForceY,GForceZ,Lap,GyroX,GyroY,GyroZ", "i D L p a:g n:1 w:d")
+add("Torque OBD", "GPS Time,Device Time,Longitude,Latitude,G(x),G(y),G(z),G(calibrated)", "D D n3 a:g", lines=lambda s: [",".join([m.strftime("%Y-%m-%d %H:%M:%S.%f")[:-3], m.strftime("%Y-%m-%d %H:%M:%S.%f")[:-3], "11.1", "48.2", *(f"{v:.6g}" for v in s["a"][k] / G), "0.01"]) for k, m in enumerate(MOM)], want="a")
+add("NMEA mix", "", "", lines=lambda s: [one for k, t in enumerate(T) for one in [f"$IMU,{t:.3f}," + ",".join(f"{v:.5f}" for v in [*s["a"][k], *s["w"][k]]), f"$GPS,{t:.3f},48.1,11.2,500"]], refuse=True)
+add("strain gauges", "Time,SG1,SG2,SG3,SG4", "t n3 p", refuse=True)
+add("EEG", "time,Fp1,Fp2,C3,C4,O1,O2", "t n3 n3", refuse=True)
+add("PMU", "Time,Vx,Vy,Vz,Ix,Iy,Iz", "t n3 n3", refuse=True)
+add("three temperatures", "t,temp_x,temp_y,temp_z", "t n3", refuse=True)
+add("error of rates", "t,gyro_err_x,gyro_err_y,gyro_err_z", "t n3", refuse=True)
+add("desired", "t,acc_des_x,acc_des_y,acc_des_z,acc_x,acc_y,acc_z", "t n3 a:m")
+add("kalman", "t,x_hat_0,x_hat_1,x_hat_2", "t n3", refuse=True)
+add("world", "t,acc_world_x,acc_world_y,acc_world_z,gyro_x,gyro_y,gyro_z", "t v:m w:r", want="w")
+add("magnet position", "t,magnet_pos_x,magnet_pos_y,magnet_pos_z", "t n3", refuse=True)
+add("mag with units", "date;time;Bx [nT];By [nT];Bz [nT]", "D2 C m:nT", mark=";")
+add("observatory", "DATE TIME DOY BOUX BOUY BOUZ BOUF", "", lines=lambda s: [f"{m:%Y-%m-%d} {m:%H:%M:%S.%f} 121 " + " ".join(f"{v:.2f}" for v in s["m"][k] * 1e9) + f" {np.linalg.norm(s['m'][k]) * 1e9:.2f}" for k, m in enumerate(MOM)], want="m", mark=" ", file="bou.txt", known={"mag": "nT"}, knows={"columns": {"mag": "3:5"}})
+# fmt: on
+
+
+def build(case, kind):
+    sig = MOTION[kind]
+    cols = [c for token in case["spec"] for c in fields(token, sig)]
+    mark = case["mark"]
+    lines = [case.get("prefix", "") + mark.join(row) + case.get("suffix", "") for row in zip(*cols, strict=True)]
+    if case.get("lines"):
+        lines = case["lines"](sig)
+    if case.get("edit"):
+        lines = [case["edit"](line) for line in lines]
+    header = case["header"]
+    return header + ("\n" if header else "") + "\n".join(lines) + "\n"
+
+
+def truth(case, sig):
+    want = (
+        case["want"] if case["want"] is not None else "".join(dict.fromkeys(t[0] for t in case["spec"] if re.match(r"[awm][xyz]{0,3}:", t)))
+    )
+    names = {"a": "accel", "w": "gyro", "m": "mag"}
+    return {names[k]: sig[k] for k in want}
+
+
+def options(text):
+    """The options that a refusal or a finding names, as Python reads them; the rate is known to whoever recorded the log."""
+    found = {}
+    for name in ("columns", "units", "rate", "topics", "data"):
+        for match in re.finditer(rf"\b{name}=(\{{[^}}]*\}}|'[^']*'|[\w.]+)", text):
+            if match[1] == "HZ" or "..." in match[1]:
+                continue
+            try:
+                value = ast.literal_eval(match[1])
+                if name in ("columns", "units"):
+                    found[name] = pairs(value, name) | found.get(name, {})
+                else:
+                    found.setdefault(name, value)
+            except (ValueError, SyntaxError):  # an example, not an option to type
+                continue
+    if "rate=" in text:
+        found.setdefault("rate", RATE)
+    return found
+
+
+def compare(log, true, rate=RATE, tolerance=5e-3):
+    if abs(log.rate / rate - 1) > 0.005:
+        return ("time", f"rate {log.rate:.6g}")
+    for name in ("gyro", "accel", "mag"):
+        got, tr = getattr(log, name), true.get(name)
+        if (got is None) != (tr is None):
+            return (name, f"{name} {'missing' if got is None else 'invented'}")
+        if tr is not None:
+            n = min(len(got), len(tr))
+            if abs(n - len(tr)) > 3:
+                return (name, f"{name} has {len(got)} rows")
+            err = np.nanmax(np.abs(np.asarray(got)[:n] - tr[:n])) / np.abs(tr).max()
+            if not err < tolerance:
+                ratio = np.nanmedian(np.linalg.norm(got, axis=1)) / np.median(np.linalg.norm(tr, axis=1))
+                return (name, f"{name} off {err:.3g}, ratio {ratio:.4g}")
+    return None
+
+
+def judge(path, case, sig):
+    true, given = truth(case, sig), dict(case.get("given", {}))
+    rate = case.get("rate", RATE)
+    said = ""
+    first = None
+    known = case.get("known") or ({"accel": "6.103515625e-05 g", "gyro": f"{1 / 131:.12g} deg/s"} if case.get("expect") == "counts" else {})
+    if case.get("hardiron"):
+        true = {"mag": sig["m"] + 1e-6 * np.array([300, -250, 260])}
+    for attempt in range(4):
+        try:
+            log = jaxcal.read(path, quiet=True, **given)
+        except jaxcal.JaxcalError as error:
+            said = str(error)
+            first = first or f"refused [{error.code}] {said.partition(': ')[2]}"
+            if case["refuse"]:
+                return ("refused" if error.code == case["refuse"] or case["refuse"] is True else "badly refused"), first
+            more = options(said)
+            if known and error.code in ("unit_unknown", "unit_contradicts"):
+                more["units"] = {k: known[k] for k in more.get("units", {}) if k in known}
+            if case.get("knows") and error.code == "columns_unclear" and "columns" in more:
+                more = case["knows"]
+            new = {k: v for k, v in more.items() if given.get(k) != v}
+            for k, v in new.items():
+                given[k] = {**given.get(k, {}), **v} if isinstance(v, dict) else v
+            if not new:
+                return "stuck", first
+            continue
+        except Exception as error:
+            return "TRACEBACK", repr(error)[:300]
+        if case["refuse"]:
+            return "wrong", f"read {[s for s in ('gyro', 'accel', 'mag') if getattr(log, s) is not None]} though it should be refused"
+        if case.get("said") in log.codes:
+            return "right", "said"
+        wrong = compare(log, true, rate, case.get("tolerance", 5e-3))
+        if wrong is None:
+            return (
+                "right" if attempt == 0 else "refused, out works" if not (first or "").startswith("loud") else "loud, mended"
+            ), first or ""
+        # loud?
+        hit = [f for f in log.findings if f.kind.guess or f.severity]
+        about = [
+            f
+            for f in hit
+            if wrong[0] in (*f.subject, f.facts.get("quantity"), f.facts.get("sensor"))
+            or (wrong[0] == "time" and f.code in ("rate_of_name", "seconds_or_rows", "slow_clock"))
+            or f.code in ("roles", "strange", "gravity_free", "several_columns")
+        ]
+        if attempt or not about:
+            return (
+                "loud, not mended" if (first or "").startswith("loud") else "wrong after way out" if attempt else "wrong"
+            ), f"{wrong[1]} | given {given} | {first or ''} | " + " ; ".join(map(str, hit))[:300]
+        first = f"loud: {wrong[1]} | {about[0]}"
+        new = options(str(about[0]))
+        if not new:
+            return "loud, no option", first
+        for k, v in new.items():
+            given[k] = {**given.get(k, {}), **v} if isinstance(v, dict) else v
+    return "stuck", first or ""
+
+
+def main():
+    pattern = sys.argv[1] if len(sys.argv) > 1 else ""
+    tally = collections.Counter()
+    with tempfile.TemporaryDirectory() as room:
+        for case in CASES:
+            if pattern and not re.search(pattern, case["name"]):
+                continue
+            for kind, sig in MOTION.items():
+                path = pathlib.Path(room, case["file"])
+                content = build(case, kind)
+                path.write_text(content, encoding=case.get("encoding", "utf-8"))
+                out, said = judge(path, case, sig)
+                tally[out] += 1
+                if out not in ("right", "refused") or pattern:
+                    print(f"{out:20s} {case['name']} ({kind}): {said[: 420 if not pattern else 1500]}")
+                path.unlink()
+    print(sum(tally.values()), dict(tally))
+
+
+if __name__ == "__main__":
+    main()
