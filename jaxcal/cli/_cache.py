@@ -112,8 +112,8 @@ def keep_compiled() -> None:
         except (OSError, RuntimeError):  # RuntimeError: no home folder
             return
         # the programs are run as they are: of a folder that others may write, nothing is loaded
-        held = folder.stat()
-        if not os.access(folder, os.W_OK) or (os.name == "posix" and (held.st_uid != os.getuid() or held.st_mode & 0o022)):
+        held = [part.stat() for part in (folder.parent, folder)]
+        if not os.access(folder, os.W_OK) or (os.name == "posix" and any(one.st_uid != os.getuid() or one.st_mode & 0o022 for one in held)):
             return
         bound(folder)
         jax.config.update("jax_compilation_cache_dir", str(folder))

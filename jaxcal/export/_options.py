@@ -7,6 +7,7 @@ import numpy as np
 
 from .._answer import Finding
 from .._errors import DataError, ExportError
+from .._message import printable
 from ..calibration._codec import LARGEST
 
 #: term of the noise -> sensor -> SI unit of a filter's number for it
@@ -53,8 +54,16 @@ def listed(values: Any) -> str:
 
 
 def comment(text: str, mark: str = "#") -> str:
-    """Format a text as one comment line; line breaks become spaces."""
-    return f"{mark} {' '.join(text.split())}"
+    r"""Format a text as one comment line, which ends there in any language: in C, a backslash at its end takes the next line with it.
+
+    Examples
+    --------
+    >>> from jaxcal.export._options import comment
+    >>> print(comment("IMU" + chr(27) + chr(10) + "left" + chr(92), "//"))
+    // IMU left\.
+    """
+    line = printable(" ".join(text.split()))
+    return f"{mark} {line}" + "." * line.endswith(("\\", "??/"))
 
 
 def finite(text: str, what: str) -> float:
