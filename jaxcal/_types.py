@@ -16,6 +16,9 @@ Series = Num[AnyArray, " n"] | Num[AnyArray, "n channels"]
 
 Scalar = Float[AnyArray, ""] | float
 
+#: a number or an array of them
+Real = Value | float | int
+
 #: what NumPy makes an array of numbers of
 Numbers = ArrayLike | Sequence[Any]
 
@@ -28,6 +31,6 @@ UnitsOf = Mapping[str, str | float | int] | str
 AxesOf = Mapping[str, str | Sequence[str]] | str
 
 __all__ = [
-    "Any", "AnyArray", "Array", "ArrayLike", "AxesOf", "Bool", "ColumnsOf", "Float", "Groups", "Int", "Num", "Numbers", "PyTree", "Scalar",
-    "Series", "UnitsOf", "Value",
+    "Any", "AnyArray", "Array", "ArrayLike", "AxesOf", "Bool", "ColumnsOf", "Float", "Groups", "Int", "Num", "Numbers", "PyTree", "Real",
+    "Scalar", "Series", "UnitsOf", "Value",
 ]  # fmt: skip

@@ -140,8 +140,8 @@ class _Record:
             return out
         energy = np.einsum("abk->ab", _blocks(looks)) / _BLOCK
         gross = np.any(energy > _GROSS * (_quantile(energy, 0.25) + self.hidden**2)[:, None], axis=0)
-        still = np.append(np.repeat(~gross, _BLOCK), np.ones(count % _BLOCK, bool)) if gross.any() else slice(None)
-        spread = self._spread(looks[:, still] if np.any(still) else looks, h)
+        still = np.append(np.repeat(~gross, _BLOCK), np.ones(count % _BLOCK, bool))
+        spread = self._spread(looks[:, still] if gross.any() and still.any() else looks, h)
         if not spread.all():
             return out
         z = functools.partial(np.matmul, spread**-2)

@@ -13,7 +13,7 @@ from .._arrays import longest_run
 from .._errors import DataError
 from .._precision import host_float64
 from .._quality import checked_confidence, checked_rate, checked_record
-from .._types import Float
+from .._types import Float, Numbers
 from ._findings import FINDINGS
 from ._model import Noise
 
@@ -62,7 +62,7 @@ class Correlation(Result):
 
 
 @host_float64
-def correlation(y: Any, rate: Any, fits: Sequence[Any], *, confidence: float = 0.95) -> Correlation:
+def correlation(y: Any, rate: Numbers, fits: Sequence[Any], *, confidence: float = 0.95) -> Correlation:
     r"""Correlation of the white noise of several axes, such as a common supply or clock causes.
 
     S is the density of the fitted noise model of an axis. With the orthonormal DCT-II ordinates c of two axes and the share

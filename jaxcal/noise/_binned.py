@@ -12,7 +12,8 @@ import numpy as np
 
 from .._errors import DataError
 from .._precision import host_float64, is_traced
-from .._types import AnyArray
+from .._quality import checked_rate
+from .._types import AnyArray, Numbers
 from ._model import Noise
 from ._observed import Observed
 from ._ordinates import bins_of
@@ -95,7 +96,7 @@ _compiled = jax.jit(partial(_log_likelihood, jnp))
 
 
 @host_float64
-def log_likelihood(y: Any, rate: Any) -> LogLikelihood:
+def log_likelihood(y: Any, rate: Numbers) -> LogLikelihood:
     """Whittle log-likelihood of a record, as a function of a noise model. Use it for your own optimiser or sampler.
 
     If the record has gaps, its ordinates are estimated from the observed samples under the noise model that `fit` finds, and each is
@@ -135,7 +136,7 @@ def log_likelihood(y: Any, rate: Any) -> LogLikelihood:
     y = y if is_traced(y) else np.asarray(y, dtype=np.float64)
     if y.ndim != 1:
         raise DataError(f"y must be (n,), one channel; got shape {y.shape}")
-    dt = 1.0 / float(rate)
+    dt = 1.0 / checked_rate(rate)
     terms = tuple(BUILT_IN[term] for term in _TERMS)
     if is_traced(y):
         bins = bins_of(y, dt, terms)

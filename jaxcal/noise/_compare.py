@@ -11,7 +11,7 @@ from .._answer import Finding, Grid, Number, Result, Section
 from .._errors import DataError
 from .._precision import host_float64
 from .._quality import checked_rate, checked_record, refuse_infinite
-from .._types import AnyArray
+from .._types import AnyArray, Numbers
 from ._likelihood import scoring
 from ._observed import Observed
 from ._solve import FILTER, Fitted, solve
@@ -74,7 +74,7 @@ class Comparison(Result):
 
 
 @host_float64
-def compare(y: Any, rate: Any, *, rivals: Sequence[str] = tuple(_RIVALS)) -> Comparison:
+def compare(y: Any, rate: Numbers, *, rivals: Sequence[str] = tuple(_RIVALS)) -> Comparison:
     """Compare models of the slow noise of a record by their likelihoods. Q and N are part of each model.
 
     `fit` gives the coefficients of IEEE Std 952, whichever process made the noise. Use `compare` where a filter must predict beyond the

@@ -9,7 +9,7 @@ from .._frozen import replaced
 from .._log import as_log
 from .._message import Message
 from .._precision import host_float64
-from .._types import Any
+from .._types import Any, Numbers
 from ..evidence._find import ranges
 from ..evidence._values import at_own_rate
 from ._axes import findings_of_axes
@@ -24,12 +24,12 @@ from ._whittle import fit_axes
 
 def fit(
     y: Any,
-    rate: Any,
+    rate: Numbers,
     *,
     method: str = "whittle",
     terms: Sequence[str | Term] = ("Q", "N", "B", "K"),
     confidence: float = 0.95,
-    band: Any = None,
+    band: Numbers | None = None,
 ) -> NoiseFit:
     r"""Noise coefficients of a static record, with intervals.
 
@@ -121,7 +121,7 @@ def characterise(
     method: str = "whittle",
     terms: Sequence[str | Term] = ("Q", "N", "B", "K"),
     confidence: float | int = 0.95,
-    band: Any = None,
+    band: Numbers | None = None,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> NoiseFits:
     """Noise coefficients of every gyroscope, accelerometer and magnetometer channel of a static log.

@@ -10,7 +10,7 @@ import numpy as np
 from .._errors import DataError
 from .._precision import array_module, host_float64, real_numbers
 from .._quality import checked_rate, checked_whole
-from .._types import Any
+from .._types import Any, Numbers, Real
 from ._terms import BUILT_IN, GaussMarkov, Sinusoid, Term
 
 #: letters of the built-in terms, in the order of every table
@@ -123,7 +123,7 @@ class Noise(eqx.Module):
         """
         return getattr(self, name) if name in _DRAWN else self.part(name)[1]
 
-    def only(self, name: str, value: Any = None) -> "Noise":
+    def only(self, name: str, value: Real | None = None) -> "Noise":
         """The model reduced to one of its terms; `value`, if given, replaces the coefficient.
 
         Examples
@@ -150,7 +150,7 @@ class Noise(eqx.Module):
         raise DataError(f"the noise model has no term {name!r}; it has {', '.join(dict.fromkeys(own for own, _, _ in self.parts))}")
 
     @host_float64
-    def avar(self, tau: Any, dt: Any = None) -> Any:
+    def avar(self, tau: Numbers, dt: Real | None = None) -> Any:
         r"""Allan variance at cluster time tau.
 
         Without `dt`, the continuous form, which holds for cluster times much longer than the sampling interval:
@@ -183,7 +183,7 @@ class Noise(eqx.Module):
         return self._sum("avar", tau, dt)
 
     @host_float64
-    def psd(self, f: Any, dt: Any = None) -> Any:
+    def psd(self, f: Numbers, dt: Real | None = None) -> Any:
         r"""Two-sided power spectral density at frequency f, without sinusoids, which are lines, and without the ramp.
 
         .. math:: S(f) = Q^2 (2\pi f)^2 dt + N^2 + \frac{B^2}{2\pi f} + \frac{K^2}{(2\pi f)^2} + \ldots
@@ -212,7 +212,7 @@ class Noise(eqx.Module):
         """
         return self._sum("psd", f, dt)
 
-    def simulate(self, n: Any, rate: Any, *, seed: Any, resolution: Any = None) -> Any:
+    def simulate(self, n: Numbers, rate: Numbers, *, seed: Any, resolution: Numbers | None = None) -> Any:
         r"""Samples of this noise, exact in distribution.
 
         Terms of your own without a `simulate` of their own are approximate. They are drawn from their density at frequencies eight times as

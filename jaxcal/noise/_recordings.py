@@ -10,6 +10,7 @@ import scipy  # loads its parts when they are first used
 from .._answer import Finding, Grid, Result, joined
 from .._errors import DataError
 from .._quality import checked_record
+from .._types import Numbers
 from ._fit import fit
 from ._model import Noise, noise_of
 from ._result import NoiseFit
@@ -78,7 +79,7 @@ def fit_recordings(
     *,
     terms: Sequence[str | Term] = ("Q", "N", "B", "K"),
     confidence: float = 0.95,
-    band: Any = None,
+    band: Numbers | None = None,
 ) -> RecordingsFit:
     r"""Noise coefficients of one device from several recordings, with intervals for the next recording.
 

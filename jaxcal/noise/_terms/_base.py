@@ -7,7 +7,7 @@ import equinox as eqx
 import numpy as np
 
 from ..._errors import DataError
-from ..._types import Float
+from ..._types import AnyArray, Float, Real
 from . import _numeric
 
 
@@ -84,21 +84,21 @@ class Term(eqx.Module):
     name: eqx.AbstractVar[str]
 
     @abc.abstractmethod
-    def psd(self, f: Any, dt: Any = None) -> Any:
+    def psd(self, f: Real, dt: Real | None = None) -> Any:
         """Two-sided density at frequency f (Hz, above 0) of samples taken every dt seconds, for a coefficient of one.
 
         With dt = None, the density of the continuous signal. A term of your own may ignore dt.
         """
 
-    def avar(self, tau: Any, dt: Any = None) -> Any:
+    def avar(self, tau: Real, dt: Real | None = None) -> Any:
         """Allan variance at cluster time tau (s, any shape) of samples taken every dt seconds, for a coefficient of one."""
         return _numeric.allan_variance(self.psd, tau, dt)
 
-    def ordinates(self, k: Any, n: int, dt: float) -> Float[np.ndarray, " ordinates"]:
+    def ordinates(self, k: AnyArray, n: int, dt: float) -> Float[np.ndarray, " ordinates"]:
         """Expected DCT-II ordinates of n samples at the given k, from 1 to n-1, for a coefficient of one."""
         return _numeric.ordinates(self.psd, k, n, dt)
 
-    def lagged(self, h: Any, small: Any, large: Any, dt: Any) -> Any:
+    def lagged(self, h: Real, small: Real, large: Real, dt: Real) -> Any:
         r"""Covariance of two second differences of phase for a coefficient of one. None means that no closed form is known.
 
         .. math:: \frac{1}{2mm'} \sum_{a,b=0}^{2} w_a w_b\, G(h + b m' - a m),\quad w = (1, -2, 1)
@@ -108,7 +108,7 @@ class Term(eqx.Module):
         """
         return None
 
-    def integral(self, h: Any) -> Any:
+    def integral(self, h: Real) -> Any:
         r"""Generalised covariance G of the integral of the continuous signal at lags h (s, any shape), for a coefficient of one.
 
         .. math:: G(h) = \int S(f)\,\frac{\cos 2\pi f h - 1 + \ldots}{(2\pi f)^2}\,df

@@ -6,17 +6,18 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..._precision import array_module
+from ..._types import Real
 from ._base import Block, Term
 
 
 class _NoDensity(Term):
     """A term that contributes nothing to the density."""
 
-    def psd(self, f: Any, dt: Any = None) -> Any:
+    def psd(self, f: Real, dt: Real | None = None) -> Any:
         """Zero."""
         return array_module(f, dt).zeros_like(f)
 
-    def integral(self, h: Any) -> Any:
+    def integral(self, h: Real) -> Any:
         """Zero."""
         return array_module(h).zeros_like(h)
 
@@ -26,11 +27,11 @@ class Ramp(_NoDensity):
 
     name: ClassVar[str] = "R"
 
-    def avar(self, tau: Any, dt: Any = None) -> Any:
+    def avar(self, tau: Real, dt: Real | None = None) -> Any:
         """tau^2/2."""
         return tau**2 / 2.0
 
-    def lagged(self, h: Any, small: Any, large: Any, dt: Any) -> Any:
+    def lagged(self, h: Real, small: Real, large: Real, dt: Real) -> Any:
         """Product of the second differences of two parabolas; a ramp only multiplies the noise of other terms."""
         return np.zeros_like(h) + dt**2 * small * large / 2.0
 
@@ -54,10 +55,10 @@ class Sinusoid(_NoDensity):
     frequency : f0 in Hz.
     """
 
-    frequency: Any
+    frequency: Real
     name: ClassVar[str] = "sinusoid"
 
-    def avar(self, tau: Any, dt: Any = None) -> Any:
+    def avar(self, tau: Real, dt: Real | None = None) -> Any:
         """[sin^2(a)/a]^2 with a = pi f0 tau; for samples sin^4(a)/(m sin(a/m))^2 with m = tau/dt."""
         xp = array_module(tau, dt, self)
         angle = math.pi * self.frequency * tau
@@ -66,7 +67,7 @@ class Sinusoid(_NoDensity):
         m = tau / dt
         return xp.sin(angle) ** 4 / (m * xp.sin(angle / m)) ** 2
 
-    def integral(self, h: Any) -> Any:
+    def integral(self, h: Real) -> Any:
         """cos(omega h)/(2 omega^2)."""
         omega = 2.0 * math.pi * self.frequency
         return array_module(h, self).cos(omega * h) / (2.0 * omega**2)

@@ -19,6 +19,7 @@ import scipy  # loads its parts when they are first used
 
 from ..._arrays import power_of_two
 from ..._precision import array_module
+from ..._types import AnyArray, Real
 from ._base import Term
 from ._power_law import angular, outer_difference
 
@@ -32,16 +33,16 @@ class Flicker(Term):
 
     name: ClassVar[str] = "B"
 
-    def psd(self, f: Any, dt: Any = None) -> Any:
+    def psd(self, f: Real, dt: Real | None = None) -> Any:
         """1/omega."""
         return 1.0 / angular(f, dt)
 
-    def avar(self, tau: Any, dt: Any = None) -> Any:
+    def avar(self, tau: Real, dt: Real | None = None) -> Any:
         """2 ln 2/pi. For samples it is computed by the digamma function."""
         xp = array_module(tau, dt, self)
         return xp.full_like(tau, 2.0 * math.log(2.0) / math.pi) if dt is None else _sampled(tau / dt)
 
-    def ordinates(self, k: Any, n: int, dt: float) -> Any:
+    def ordinates(self, k: AnyArray, n: int, dt: float) -> Any:
         """Nearly dt/s (1 - 2/(pi^2 k)). Short records, and the first ordinates of long ones, are computed from the sum over lags."""
         k = np.asarray(k)
         table = _ratio(min(n, _EXACT))
@@ -50,11 +51,11 @@ class Flicker(Term):
         ratio[known] = table[k[known] - 1]
         return dt / (2.0 * np.sin(np.pi * k / n / 2.0)) * ratio
 
-    def lagged(self, h: Any, small: Any, large: Any, dt: Any) -> Any:
+    def lagged(self, h: Real, small: Real, large: Real, dt: Real) -> Any:
         """From the generalised covariance (4 x^2 - 1) psi(|x| + 1/2)/(8 pi), which omits polynomials up to the third degree."""
         return outer_difference(lambda x: _inner(x, small), h, small, large)
 
-    def integral(self, h: Any) -> Any:
+    def integral(self, h: Real) -> Any:
         """h^2 ln|h|/(2 pi)."""
         xp = array_module(h)
         size = xp.abs(h)

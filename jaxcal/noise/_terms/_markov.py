@@ -7,6 +7,7 @@ import equinox as eqx
 import numpy as np
 
 from ..._precision import array_module
+from ..._types import AnyArray, Real
 from ._base import Block, Term
 from ._power_law import RandomWalk, angular
 
@@ -38,7 +39,7 @@ class GaussMarkov(Term):
     time: Any = None
     name: str = eqx.field(static=True, default="markov")
 
-    def psd(self, f: Any, dt: Any = None) -> Any:
+    def psd(self, f: Real, dt: Real | None = None) -> Any:
         """Tc^2/(1 + (omega Tc)^2); for samples Tc/2 (1 - a^2) dt/(1 + a^2 - 2 a cos(2 pi f dt)) with a = exp(-dt/Tc)."""
         omega = angular(f, dt)
         if dt is None:
@@ -46,7 +47,7 @@ class GaussMarkov(Term):
         a = array_module(f, dt, self).exp(-dt / self.time)
         return self.time / 2.0 * (1.0 - a**2) * dt / ((1.0 - a) ** 2 + a * (omega * dt) ** 2)
 
-    def avar(self, tau: Any, dt: Any = None) -> Any:
+    def avar(self, tau: Real, dt: Real | None = None) -> Any:
         """Tc^2/tau [1 - Tc/(2 tau) (3 - 4 exp(-tau/Tc) + exp(-2 tau/Tc))], and its exact form for samples."""
         xp, correlation = array_module(tau, dt, self), self.time
         x = tau / correlation
@@ -61,7 +62,7 @@ class GaussMarkov(Term):
             full = correlation / 2.0 * (m * e * (2.0 - e) - (1.0 - e) * q * (2.0 + q)) / (m * e) ** 2
         return xp.where(short, RandomWalk().avar(tau, dt), full)
 
-    def ordinates(self, k: Any, n: int, dt: float) -> Any:
+    def ordinates(self, k: AnyArray, n: int, dt: float) -> Any:
         """From the sum over lags, which is a geometric series in z = exp(-dt/Tc + i pi k/n)."""
         a = np.pi * np.asarray(k) / n
         z = np.exp(-dt / self.time + 1j * a)
@@ -70,7 +71,7 @@ class GaussMarkov(Term):
         sine = ((z - last) / (1.0 - z)).imag
         return self.time / 2.0 * dt * (1.0 + 2.0 / n * (cosine - sine / np.sin(a)))
 
-    def integral(self, h: Any) -> Any:
+    def integral(self, h: Real) -> Any:
         """-Tc^3/2 (exp(-x) - 1 + x) with x = |h|/Tc. For small x a series avoids the loss of digits."""
         xp = array_module(h, self)
         x = xp.abs(h) / self.time

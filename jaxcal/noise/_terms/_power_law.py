@@ -7,6 +7,7 @@ import equinox as eqx
 import numpy as np
 
 from ..._precision import array_module
+from ..._types import AnyArray, Real
 from ._base import Block, Term
 
 
@@ -26,24 +27,24 @@ class Quantisation(Term):
 
     name: ClassVar[str] = "Q"
 
-    def psd(self, f: Any, dt: Any = None) -> Any:
+    def psd(self, f: Real, dt: Real | None = None) -> Any:
         """Density dt omega^2; zero without dt."""
         return array_module(f, dt).zeros_like(f) if dt is None else dt * angular(f, dt) ** 2
 
-    def avar(self, tau: Any, dt: Any = None) -> Any:
+    def avar(self, tau: Real, dt: Real | None = None) -> Any:
         """3/tau^2."""
         return 3.0 / tau**2
 
-    def ordinates(self, k: Any, n: int, dt: float) -> Any:
+    def ordinates(self, k: AnyArray, n: int, dt: float) -> Any:
         """(s^2 + (4/n) cos^2(a/2))/dt with a = pi k/n; the second part is leakage from high frequencies."""
         half = np.pi * np.asarray(k) / n / 2.0
         return ((2.0 * np.sin(half)) ** 2 + 4.0 / n * np.cos(half) ** 2) / dt
 
-    def lagged(self, h: Any, small: Any, large: Any, dt: Any) -> Any:
+    def lagged(self, h: Real, small: Real, large: Real, dt: Real) -> Any:
         """From G = 1/dt^2 at lag 0 and zero elsewhere: not zero only where the ends of two clusters coincide."""
         return outer_difference(lambda x: (np.abs(x) == small) - 2.0 * (x == 0.0), h, small, large) / dt**2
 
-    def integral(self, h: Any) -> Any:
+    def integral(self, h: Real) -> Any:
         """One at lag 0 and zero elsewhere, because the errors of the integral are independent."""
         xp = array_module(h)
         return xp.where(h == 0.0, 1.0, 0.0)
@@ -80,10 +81,10 @@ class PowerLaw(Term):
     True
     """
 
-    exponent: Any = 1.0
+    exponent: Real = 1.0
     name: str = eqx.field(static=True, default="power law")
 
-    def psd(self, f: Any, dt: Any = None) -> Any:
+    def psd(self, f: Real, dt: Real | None = None) -> Any:
         """(2 pi f)^-exponent."""
         return angular(f, dt) ** -self.exponent
 
@@ -93,7 +94,7 @@ class Filter(Quantisation):
 
     name: ClassVar[str] = "filter"
 
-    def ordinates(self, k: Any, n: int, dt: float) -> Any:
+    def ordinates(self, k: AnyArray, n: int, dt: float) -> Any:
         """-1 times the ordinates of Q."""
         return -super().ordinates(k, n, dt)
 
@@ -103,23 +104,23 @@ class White(Term):
 
     name: ClassVar[str] = "N"
 
-    def psd(self, f: Any, dt: Any = None) -> Any:
+    def psd(self, f: Real, dt: Real | None = None) -> Any:
         """1."""
         return array_module(f, dt).ones_like(f)
 
-    def avar(self, tau: Any, dt: Any = None) -> Any:
+    def avar(self, tau: Real, dt: Real | None = None) -> Any:
         """1/tau."""
         return 1.0 / tau
 
-    def ordinates(self, k: Any, n: int, dt: float) -> Any:
+    def ordinates(self, k: AnyArray, n: int, dt: float) -> Any:
         """1."""
         return np.ones(len(k))
 
-    def lagged(self, h: Any, small: Any, large: Any, dt: Any) -> Any:
+    def lagged(self, h: Real, small: Real, large: Real, dt: Real) -> Any:
         """From G = -|h|/(2 dt), because the second difference of -|x|/2 with step m is -max(m - |x|, 0)."""
         return outer_difference(lambda x: -np.maximum(small - np.abs(x), 0.0), h, small, large) / dt
 
-    def integral(self, h: Any) -> Any:
+    def integral(self, h: Real) -> Any:
         """-|h|/2."""
         return -array_module(h).abs(h) / 2.0
 
@@ -137,19 +138,19 @@ class RandomWalk(Term):
 
     name: ClassVar[str] = "K"
 
-    def psd(self, f: Any, dt: Any = None) -> Any:
+    def psd(self, f: Real, dt: Real | None = None) -> Any:
         """1/omega^2."""
         return 1.0 / angular(f, dt) ** 2
 
-    def avar(self, tau: Any, dt: Any = None) -> Any:
+    def avar(self, tau: Real, dt: Real | None = None) -> Any:
         """tau/3; for samples multiplied by 1 + 1/(2 m^2) with m = tau/dt."""
         return tau / 3.0 if dt is None else tau / 3.0 * (1.0 + 0.5 / (tau / dt) ** 2)
 
-    def ordinates(self, k: Any, n: int, dt: float) -> Any:
+    def ordinates(self, k: AnyArray, n: int, dt: float) -> Any:
         """dt^2/s^2, which is exact."""
         return (dt / (2.0 * np.sin(np.pi * np.asarray(k) / n / 2.0))) ** 2
 
-    def lagged(self, h: Any, small: Any, large: Any, dt: Any) -> Any:
+    def lagged(self, h: Real, small: Real, large: Real, dt: Real) -> Any:
         """From G = dt (|h|^3 - |h|)/12."""
 
         def inner(x):
@@ -159,7 +160,7 @@ class RandomWalk(Term):
 
         return outer_difference(inner, h, small, large) * dt
 
-    def integral(self, h: Any) -> Any:
+    def integral(self, h: Real) -> Any:
         """|h|^3/12."""
         return array_module(h).abs(h) ** 3 / 12.0
 
