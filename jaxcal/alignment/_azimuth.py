@@ -151,9 +151,7 @@ def azimuth(
     if method == "single_reading":
         angle = readings.positions.angle[readings.positions.mounting.index("x")] if angle is None else angle
         if not is_traced(readings, angle) and not np.any(taken(readings, "gyro", "x", float(angle))):
-            raise DataError(
-                f"There is no x reading at {np.rad2deg(float(angle)):g} degrees; give the angle of one, in rad.", code="no_position"
-            )
+            raise DataError(f"There is no x reading at {np.rad2deg(float(angle)):g} degrees; give the angle of one.", code="no_position")
     dtype = jnp.asarray(readings.gyro).dtype
     phi, theta, covariance = (jnp.asarray(part, dtype=dtype) for part in _level(level, method))
     to = lambda value: None if value is None else jnp.asarray(value, dtype=dtype)  # noqa: E731
@@ -165,10 +163,8 @@ def _level(level: Any, method: str) -> tuple[Any, Any, Any]:
     """Roll, pitch and their covariance."""
     if isinstance(level, Level):
         if level.theta is None or (level.phi is None and method != "opposed"):
-            raise DataError(
-                f"the level has no {'roll' if level.theta is not None else 'pitch'}: {level.reason} Only 'opposed' needs no roll",
-                code="no_level",
-            )
+            lacking = "roll" if level.theta is not None else "pitch"
+            raise DataError(f"the level has no {lacking}: {level.reason} Only 'opposed' needs no roll", code="no_level")
         if level.phi is None:
             return 0.0, level.theta, np.diag([0.0, np.asarray(level.covariance)[1, 1]])
         return level.phi, level.theta, level.covariance

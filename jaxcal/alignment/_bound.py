@@ -86,9 +86,8 @@ def crlb(
     check_gravity(gravity)
     chosen = free_of(free, priors, positions, latitude, (True, True), NAMES)
     certainty = priors_of(priors, NAMES)[1]
-    noise = [
-        by_channel(given_noise(one, f"{name} noise"), positions) for name, one in (("accelerometer", accel_noise), ("gyro", gyro_noise))
-    ]
+    given = (accel_noise, "accelerometer noise"), (gyro_noise, "gyro noise")
+    noise = [by_channel(given_noise(*one), positions) for one in given]
     attitude = checked_attitude(attitude)
     zeros = np.zeros(len(positions))
     table = tabulate(Readings(positions, zeros, zeros, lever_arm=lever_arm), gravity, noise)

@@ -14,16 +14,11 @@ FINDINGS = table(
         "Give a rough azimuth with {option.hint}; where the latitude is estimated, give it, or {option.hemisphere}.",
     ),
     scale_chosen=Kind(NOTE, "Two roots have a positive scale factor; the one with the scale factor nearest 1 is chosen."),
-    clipped=Kind(
-        CAUTION, "The sine or cosine asked for exceeds 1, as noise, a wrong gravity or a scale error can make it; the nearest angle is "
-        "given.",
-    ),
-    double_root=Kind(
-        CAUTION, "Two roots merge here: noise moves the angle by its square root.", "Measure at the two angles a quarter turn further, too."
-    ),
+    clipped=Kind(CAUTION, "The sine or cosine exceeds 1, by noise, a wrong gravity or a scale error; the nearest angle is given."),
+    double_root=Kind(CAUTION, "Two roots merge: noise moves the angle by its square root.", "Measure a quarter turn further, too."),
     weak=Kind(CAUTION, "The geometry hardly determines the angle: its standard error exceeds 10 degrees.", limits=(np.deg2rad(10.0),)),
     misfit=Kind(
-        CAUTION, "The residuals exceed the noise (p = {p:.1g}): the table's angles or the noise are wrong, the table moved, or a "
+        CAUTION, "The residuals exceed the noise: the table's angles or the noise are wrong, the table moved, or a "
         "misalignment was left out. The errors are those of the residuals.", "Give {option.angle_std}.",
         limits=(0.97,),  # probability of smaller residuals: four angles off by 0.05 deg show in two of three tests, in half at 0.999
     ),
@@ -33,17 +28,13 @@ FINDINGS = table(
         terminal="Give {option.prior} for one of them, hold one, or measure at more angles or with mountings z and -z.",
     ),
     unfinished=Kind(FATAL, "The fit did not converge.", "Start nearer to the truth, or free fewer parameters."),
-    integrity=Kind(
-        CAUTION, "The latitude found differs from the given one by over four standard deviations: a bias, or a wrong level or latitude."
-    ),
+    integrity=Kind(CAUTION, "The latitude found is over four standard deviations off the given one: a bias, wrong level or latitude."),
     infeasible=Kind(FATAL, "No angle fits the readings: a bias or scale error, a wrong latitude or a wrong level."),
     degenerate=Kind(
         FATAL, "The readings hold no information on the angle in this geometry.",
         "Measure at three distinct table angles or more, or remount the sensor along z and use jaxcal.alignment.fit.",
     ),
-    pole=Kind(
-        FATAL, "The latitude is within 0.1 degrees of a pole, where the Earth's rate has no horizontal part.", limits=(np.deg2rad(89.9),)
-    ),
+    pole=Kind(FATAL, "The latitude is within 0.1 deg of a pole: the Earth's rate has no horizontal part.", limits=(np.deg2rad(89.9),)),
     missing=Kind(FATAL, "A position that the method needs was not measured."),
     # the joint fit
     noise_from_residuals=Kind(
@@ -56,9 +47,7 @@ FINDINGS = table(
     ),
     unchecked=Kind(NOTE, "There are as many parameters as readings: nothing checks the fit."),
     prior_alone=Kind(NOTE, "From the prior alone: {names}."),
-    mirrored=Kind(
-        NOTE, "Without a z reading, 180 degrees less roll and minus the azimuth give the same readings; the smaller roll is taken.",
-    ),
+    mirrored=Kind(NOTE, "Without a z reading, 180 deg less roll and minus the azimuth give the same; the smaller roll is taken."),
     drift=Kind(
         CAUTION, "The gyro's bias drifts by {size} during the test. The fit includes it; without, the azimuth would be off by {change}.",
         "Let it warm up.", limits=(1e-3,),  # probability of such a drift by chance
@@ -85,9 +74,7 @@ FINDINGS = table(
         NOTE, "The table's angles come from the gyroscope, with a scale error of {ppm:.3g} ppm.", "Give {option.angles}, if they are known "
         "better.", guess=True,
     ),
-    angle_turned=Kind(
-        NOTE, "The table's angle grows against the rotation about the axis that points down; its sign was turned.", guess=True
-    ),
+    angle_turned=Kind(NOTE, "The table's angle grows against the rotation about the axis down; its sign was turned.", guess=True),
     axis_tilted=Kind(
         NOTE, "The table turns about an axis {tilt:.3g} off the device's z axis; the readings were turned into its frame.",
         limits=(np.deg2rad(0.5),),

@@ -255,20 +255,13 @@ def _in_range(xp: Any, values: Any, covariance: Any) -> tuple[Any, Any]:
     return xp.concatenate([xp.stack(angles), values[3:]]), covariance * sign[:, None] * sign[None, :]
 
 
-def _mirrored(readings: Readings, o: _Options) -> bool:
-    """Whether the mirrored attitude gives the same readings, which is so without readings along the table's axis."""
-    return not {"z", "-z", "fixed z"} & set(readings.positions.mounting) and {"phi", "psi"} <= o.chosen
-
-
 def _spare(found: Fit, table: Table, covariance: AnyArray) -> list[tuple[Any, Any]]:
     """Degrees of freedom of each sensor, and the sum of its squared residuals; `covariance` is zero where nothing is determined."""
     xp, n = array_module(found, table), table.accel.size
     left = 1 - xp.einsum("mi,ij,mj->m", found.jacobian, covariance, found.jacobian)
     parts = [slice(0, n), slice(n, 2 * n)]
-    return [
-        (xp.sum(xp.where(here, left[part], 0.0)), xp.sum(found.residuals[part] ** 2))
-        for here, part in zip(table.measured, parts, strict=True)
-    ]
+    free = [xp.sum(xp.where(here, left[part], 0.0)) for here, part in zip(table.measured, parts, strict=True)]
+    return [(spare, xp.sum(found.residuals[part] ** 2)) for spare, part in zip(free, parts, strict=True)]
 
 
 def _freedom(found: Fit, table: Table, fitted: AlignmentFit, estimated: dict[str, float]) -> np.ndarray:
@@ -293,26 +286,19 @@ def _level(noise: Any, places: Any, here: Any) -> Any:
 
 def _told(found: AlignmentFit, freedom: np.ndarray, readings: Readings, o: _Options, twofold: bool, nominal: list[str]) -> AlignmentFit:
     """Add findings and states to a host result; `nominal` names the sensors whose noise is neither given nor estimated."""
-    dof, mirrored = int(found.degrees_of_freedom), _mirrored(readings, o)
-    tested = found.noise_known and dof > 0
-    findings = list(findings_of(found.outcome, names=", ".join(found.unobservable), p=float(found.p_value)))
-    if not found.noise_known:
-        findings.append(FINDINGS("noise_from_residuals"))
-    if nominal:
-        findings.append(FINDINGS("nominal_noise", nominal))
-    if dof <= 0:
-        findings.append(FINDINGS("unchecked"))
+    dof, known = int(found.degrees_of_freedom), found.noise_known
+    # without readings along the table's axis the mirrored attitude gives the same ones
+    mirrored = not {"z", "-z", "fixed z"} & set(readings.positions.mounting) and {"phi", "psi"} <= o.chosen and not twofold
+    findings = list(findings_of(found.outcome, names=", ".join(found.unobservable)))
+    cases = {"noise_from_residuals": not known, "nominal_noise": nominal, "unchecked": dof <= 0, "mirrored": mirrored}
+    findings += [FINDINGS(code, nominal if code == "nominal_noise" else ()) for code, there in cases.items() if there]
     if np.any(found.prior_only):
         findings.append(FINDINGS("prior_alone", names=", ".join(np.array(found.names)[found.prior_only])))
-    if mirrored and not twofold:
-        findings.append(FINDINGS("mirrored"))
     gone = {*found.undetermined, *(() if has_number(found.outcome) else ("psi",))} & o.chosen
     if twofold:  # roots have different latitudes, or different errors of the gyro
         gone |= {"psi", "latitude"} if "latitude" in o.chosen else o.chosen & {"psi", *NEEDED["gyro"]}
     gone = o.chosen if OUTCOMES[int(found.outcome)] == "unfinished" else gone
     states = found.estimate.states | dict.fromkeys(gone, "open")
     estimate = Estimate(found.names, found.estimate.values, found.covariance, freedom, states, found.estimate.quantities)
-    return dataclasses.replace(
-        found, estimate=estimate, p_value=float(found.p_value) if tested else None,
-        findings=tuple(findings),
-    )  # fmt: skip
+    p_value = float(found.p_value) if known and dof > 0 else None
+    return dataclasses.replace(found, estimate=estimate, p_value=p_value, findings=tuple(findings))

@@ -22,7 +22,6 @@ _DEG_PER_HOUR = np.deg2rad(1.0) / 3600
 _ENCODER = np.deg2rad(0.1)  # errors of a plain encoder or of angles set by hand
 _OPPOSITE = 0.1  # rad: positions this close to a half turn apart are a pair
 _PASSES = 2  # of the linear search for terms: about the answer without them, and about that with them
-_NUDGE = 1e-4  # step of a derivative, in the size of each parameter
 (_MISFIT,) = FINDINGS["misfit"].limits
 
 
@@ -111,7 +110,7 @@ class _Look:
         """
         terms, best = self.terms[sensor], None
         for _ in range(_PASSES):
-            rows, steps = self._rows(self.values), np.diag(_NUDGE * self.sizes)[self.free]
+            rows, steps = self._rows(self.values), np.diag(SMALL * self.sizes)[self.free]
             slope = np.stack([(self._rows(self.values + h) - self._rows(self.values - h)) / (2 * h.max()) for h in steps], axis=1)
             made = {
                 name: np.stack([self._rows(self.values, self._less(-one)) - rows for one in np.moveaxis(effect, 2, 0)], axis=1)
@@ -154,9 +153,9 @@ def _terms(found: AlignmentFit, parts: Readings, gravity: Any) -> dict[str, dict
     read = {name: np.asarray(np.nan if (own := getattr(parts, name)) is None else own) for name in SENSORS}
     spare = {name: np.count_nonzero(np.isfinite(own) & (channel == 0)) - 3 for name, own in read.items()}
     if spare["accel"] > 2:
-        ends = ((dataclasses.replace(model, **{name: getattr(model, name) + h}) for h in (_NUDGE, -_NUDGE)) for name in ("phi", "theta"))
+        ends = ((dataclasses.replace(model, **{name: getattr(model, name) + h}) for h in (SMALL, -SMALL)) for name in ("phi", "theta"))
         slope = np.stack([np.subtract(*(one.measure(places, gravity=gravity)[0] for one in pair)) for pair in ends], axis=-1)
-        accel = slope / (2 * _NUDGE) * time[:, None]  # it tilts the Earth's rate as well, by nothing that a gyro sees
+        accel = slope / (2 * SMALL) * time[:, None]  # it tilts the Earth's rate as well, by nothing that a gyro sees
         terms["accel"]["tilt"] = np.stack([accel, np.zeros_like(accel)])
     # a drift that shows is seldom straight
     most, part = min(spare["gyro"], 4), time / np.abs(time).max()

@@ -105,9 +105,7 @@ def noise_of(source: Any, axis: str | None = "x") -> dict[str, Any]:
         found[sensor] = None if any(one is None for one in axes) else axes[0] if axis else tuple(axes)
     if all(one is None for one in found.values()):
         which = "all three axes" if axis is None else f"the {axis} axis"
-        raise DataError(
-            f"The {type(source).__name__} holds no noise on {which}; give the result of jaxcal.noise.characterise.", code="no_noise"
-        )
+        raise DataError(f"The {type(source).__name__} holds no noise on {which}; give that of jaxcal.noise.characterise.", code="no_noise")
     return {f"{sensor}_noise": one for sensor, one in found.items()}
 
 
@@ -172,9 +170,8 @@ def covariance_of(noise: Any, places: Any, here: AnyArray) -> AnyArray:
         return variance
     total = xp.diag(xp.where(here, 0.0, 1.0))
     for part, one in zip(mine, axes, strict=True):
-        total = total + xp.where(
-            part[:, None] & part[None, :], mean_covariance(one, places.start, places.dwell, xp.where(part, places.dwell, 0)), 0
-        )
+        own = mean_covariance(one, places.start, places.dwell, xp.where(part, places.dwell, 0))
+        total = total + xp.where(part[:, None] & part[None, :], own, 0)
     return total
 
 

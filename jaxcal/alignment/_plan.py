@@ -56,11 +56,8 @@ class Plan(Result):
 
     def sections(self) -> list[Section]:
         """The positions."""
-        places = zip(np.rad2deg(self.positions.angle), self.positions.mounting, self.positions.dwell, strict=True)
-        rows = [
-            (f"{angle:.2f} deg, {word}", Number(f"dwell[{i}]", float(dwell), quantity="time"))
-            for i, (angle, word, dwell) in enumerate(places)
-        ]
+        places = zip(np.rad2deg(self.positions.angle), self.positions.mounting, self.positions.dwell.tolist(), strict=True)
+        rows = [(f"{angle:.2f} deg, {word}", Number(f"dwell[{i}]", x, quantity="time")) for i, (angle, word, x) in enumerate(places)]
         return [listed("plan", "time at each position", rows)]
 
 
@@ -75,9 +72,6 @@ def plan(
     mountings: Any = ("x",) * 6,
     free: Iterable[str] | None = None,
     priors: dict[str, Any] | None = None,
-    minimum_dwell: float = 0.0,
-    slew: float = 0.0,
-    mirrored: bool = False,
     gravity: Any = GRAVITY,
     seed: int = 0,
 ) -> Plan:
@@ -89,15 +83,13 @@ def plan(
 
     Parameters
     ----------
-    total_time : s, including moves.
+    total_time : s, of all dwells.
     latitude : rad.
     attitude : (3,) approximate roll, pitch and azimuth, rad; or (k, 3) possible attitudes. The best angles depend on the azimuth, so
         estimate it by a short first measurement, or plan for several azimuths.
     accel_noise, gyro_noise : see `crlb`.
     mountings : one word per position.
     free, priors : see `fit`; by default angles, biases and scale errors are free, with priors of 1e-4 on the scale errors.
-    minimum_dwell : least dwell per position, s. slew : time per move between positions, s.
-    mirrored : True to measure the positions forwards and then backwards, which cancels a linear drift of the biases.
     gravity : m/s^2. seed : seed of the starts.
 
     Returns
@@ -107,7 +99,7 @@ def plan(
     Raises
     ------
     DataError
-        If the time is too short for the moves and dwells, a name is unknown, or no such positions determine the free parameters.
+        If the time is not positive, a name is unknown, or no such positions determine the free parameters.
 
     Examples
     --------
@@ -142,72 +134,33 @@ def plan(
     slope, words = table_from_nav(phi, theta, psi + np.pi / 2)[:, 0], tuple(mountings)
     tau = float(np.arctan2(slope[1], slope[0]))  # the angle at which a reading is most sensitive to the azimuth
     chosen = free_of(free, priors, Positions(np.zeros(len(words)), words), latitude, (True, True), NAMES)
-    times = float(total_time), float(minimum_dwell), float(slew)
-    return _searched(_Design(words, tuple(name in chosen for name in NAMES), *times, bool(mirrored), bound), tau, seed)
+    return _searched(_Design(words, tuple(name in chosen for name in NAMES), float(total_time), bound), tau, seed)
 
 
 class _Design(eqx.Module):
     """The bound of the azimuth as a function of table angles and shares of the time, for one list of mountings.
 
-    words : mountings. free : flags of the estimated parameters. total, minimum, slew : times in s, see `plan`. bound : further data for the
-    bound: models (k,), noise, certainty of the priors, gravity.
+    words : mountings. free : flags of the estimated parameters. total : s. bound : further data for the bound: models (k,), noise,
+    certainty of the priors, gravity.
     """
 
     words: tuple[str, ...]
     free: tuple[bool, ...]
     total: float
-    minimum: float
-    slew: float
-    mirrored: bool
     bound: Any
-
-    @property
-    def order(self) -> np.ndarray:
-        """Indices of the positions in the order of measurement: forwards and, if `mirrored`, backwards."""
-        forth = np.arange(len(self.words))
-        return np.concatenate([forth, forth[::-1]]) if self.mirrored else forth
-
-    @property
-    def time(self) -> float:
-        """Time for all dwells, s; the way back begins at the last position of the way out, without a move."""
-        return self.total - self.slew * (len(self.order) - (2 if self.mirrored else 1))
-
-    @property
-    def least(self) -> float:
-        """Least share of the time for every position."""
-        return max(self.minimum * len(self.order) / self.time, SMALL) / len(self.words)
 
     def objective(self, p: np.ndarray) -> tuple[float, np.ndarray]:
         """Logarithm of the criterion, and its gradient with respect to angles and logarithms of shares."""
-        order = self.order
-        places = padded(Positions(np.zeros(len(order)), tuple(self.words[i] for i in order)))
-        dwell = (jnp.asarray(self.least), jnp.asarray(self.time), jnp.asarray(len(order) / len(self.words)), jnp.asarray(self.moves))
-        value, slope = _gradient(jnp.asarray(p), places, jnp.asarray(order), dwell, self.free, *self.bound)
+        places = padded(Positions(np.zeros(len(self.words)), self.words))
+        value, slope = _gradient(jnp.asarray(p), places, jnp.asarray(self.total), self.free, *self.bound)
         return float(value), np.asarray(slope)
-
-    @property
-    def moves(self) -> np.ndarray:
-        """Time of all moves before each visit, s."""
-        step = np.full(len(self.order), self.slew)
-        step[len(self.words) - 1] *= not self.mirrored
-        return np.cumsum(np.append(0.0, step[:-1]))
-
-    def positions(self, angles: np.ndarray, shares: np.ndarray) -> Positions:
-        """`Positions` for angles and shares."""
-        angles, count, order = np.mod(angles, 2 * np.pi), len(self.words), self.order
-        dwell = self.time * (self.least + (1 - self.least * count) * shares)[order] / (len(order) / count)
-        return Positions(angles[order], tuple(self.words[i] for i in order), dwell, np.cumsum(dwell) - dwell + self.moves)
 
 
 def _searched(design: _Design, tau: float, seed: int) -> Plan:
     """Find the best plan for one list of mountings; `tau` is the best angle of a pair."""
-    visits, count = len(design.order), len(design.words)
-    if not design.time > max(visits * design.minimum, 0):
-        raise DataError(
-            f"{design.total:g} s do not hold {visits} dwells of {design.minimum:g} s and {design.total - design.time:g} s of moves; take "
-            "more time or fewer positions.",
-            code="too_short",
-        )
+    count = len(design.words)
+    if not design.total > 0:
+        raise DataError(f"The time is {design.total:g} s; it is positive.", code="too_short")
     starts = _starts(design.words, tau, seed)
     best, value = starts[0], np.log(np.pi * 1e3)  # more than any azimuth: not determined
     for angles, shares in starts:
@@ -218,9 +171,14 @@ def _searched(design: _Design, tau: float, seed: int) -> Plan:
             best, value = (found.x[:count], scipy.special.softmax(found.x[count:])), found.fun
     if best is starts[0]:
         raise DataError("These mountings do not determine every free parameter; add positions or priors.", code="undetermined")
-    positions = design.positions(*best)
+    positions = Positions(np.mod(best[0], 2 * np.pi), design.words, design.total * _at_least(best[1]))
     stds = np.sqrt(np.asarray(_variances(padded(positions), len(positions), design.free, *design.bound)))
     return Plan(positions, stds, float(np.exp(value)))
+
+
+def _at_least(share: Any) -> Any:
+    """Shares of the time, none of them zero."""
+    return SMALL / share.size + (1 - SMALL) * share
 
 
 def _starts(words: tuple[str, ...], tau: float, seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -254,18 +212,15 @@ def _variances(places: Positions, count: Any, free: tuple[bool, ...], models: An
 
 
 @filter_jit
-def _gradient(p: Array, places: Positions, index: Array, dwell: Any, *others: Any) -> tuple[Array, Array]:
-    """Half the logarithm of the variance, and its gradient by angles and logarithms of shares; `index` is the order of measurement."""
-    least, time, halves, moves = dwell
+def _gradient(p: Array, places: Positions, time: Array, *others: Any) -> tuple[Array, Array]:
+    """Half the logarithm of the variance, and its gradient by angles and logarithms of shares."""
+    n = p.size // 2
 
     def objective(p: Array) -> Array:
-        angles, share = p[: p.size // 2], jax.nn.softmax(p[p.size // 2 :])
-        times = (time * (least + (1 - least * share.size) * share) / halves)[index]
-        begin = jnp.cumsum(times) - times + moves
-        n = index.size
+        times = time * _at_least(jax.nn.softmax(p[n:]))
+        begin = jnp.cumsum(times) - times
         full, start = (leaf.at[:n].set(new).at[n:].set(new[0]) for leaf, new in ((places.dwell, times), (places.start, begin)))
-        moved = dataclasses.replace(places, angle=places.angle.at[:n].set(angles[index]), dwell=full, start=start)
-        variance = _variances(moved, index.size, *others)
-        return 0.5 * jnp.log(jnp.mean(variance))
+        moved = dataclasses.replace(places, angle=places.angle.at[:n].set(p[:n]), dwell=full, start=start)
+        return 0.5 * jnp.log(jnp.mean(_variances(moved, n, *others)))
 
     return jax.value_and_grad(objective)(p)

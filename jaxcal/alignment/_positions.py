@@ -58,13 +58,10 @@ def table_from_nav(phi: Any, theta: Any, psi: Any) -> AnyArray:
     """Rotation matrix C_TN = Rx(phi) Ry(theta) Rz(psi), (3, 3), from north, east, down to table axes."""
     xp = array_module(phi, theta, psi)
     sf, cf, st, ct, sp, cp = (f(a) for a in (phi, theta, psi) for f in (xp.sin, xp.cos))
-    return xp.stack(
-        [
-            xp.stack([ct * cp, ct * sp, -st]),
-            xp.stack([sf * st * cp - cf * sp, sf * st * sp + cf * cp, sf * ct]),
-            xp.stack([cf * st * cp + sf * sp, cf * st * sp - sf * cp, cf * ct]),
-        ]
-    )
+    x = ct * cp, ct * sp, -st
+    y = sf * st * cp - cf * sp, sf * st * sp + cf * cp, sf * ct
+    z = cf * st * cp + sf * sp, cf * st * sp - sf * cp, cf * ct
+    return xp.stack([xp.stack(row) for row in (x, y, z)])
 
 
 class Positions(eqx.Module):
@@ -186,9 +183,7 @@ class Readings(eqx.Module):
         for name, values in (("accel", accel), ("gyro", gyro)):
             values = None if values is None else _floats(values, f"{name} readings")
             if values is not None and values.shape != (len(self.positions),):
-                raise DataError(
-                    f"The {name} readings have shape {values.shape}; give one for each of {len(self.positions)} positions.", code="shape"
-                )
+                raise DataError(f"{name} has shape {values.shape}; give one for each of {len(self.positions)} positions.", code="shape")
             setattr(self, name, values)
         self.accel_noise = by_channel(as_noise(accel_noise, "accelerometer noise"), self.positions)
         self.gyro_noise = by_channel(as_noise(gyro_noise, "gyro noise"), self.positions)
@@ -314,13 +309,10 @@ def need(readings: Readings, sensor: str, method: str, more: tuple[tuple[str, fl
         raise DataError(f"There are no {word} readings; method {method!r} needs them.", code="no_sensor")
     if is_traced(readings):
         return
-    missing = [
-        f"{m} at {np.rad2deg(a):g} degrees" for m, a in (*wanted(sensor, method), *more) if not np.any(taken(readings, sensor, m, a))
-    ]
+    missing = [(m, np.rad2deg(a)) for m, a in (*wanted(sensor, method), *more) if not np.any(taken(readings, sensor, m, a))]
     if missing:
-        raise DataError(
-            f"Method {method!r} needs a {word} reading with mounting {', '.join(missing)}; measure there, or use `fit`.", code="no_position"
-        )
+        where = ", ".join(f"{mounting} at {angle:g} degrees" for mounting, angle in missing)
+        raise DataError(f"Method {method!r} needs a {word} reading with mounting {where}; or use `fit`.", code="no_position")
 
 
 def least_squares(rows: AnyArray, values: AnyArray, weight: AnyArray, tolerance: float = 1e-7) -> tuple[AnyArray, AnyArray, AnyArray]:

@@ -86,9 +86,8 @@ def simulate(
     # convert to arrays, because a Python number would be a constant of the program and force a new compilation for every value
     as_array = lambda value: jnp.asarray(value, dtype=dtype)  # noqa: E731
     dwell, start = as_array(positions.dwell), as_array(positions.start)
-    known = [
-        as_noise(sensor, "noise") if any(map(_some, (sensor.white, sensor.walk, sensor.flicker))) else None for sensor in (accel, gyro)
-    ]
+    loud = (any(map(_some, (sensor.white, sensor.walk, sensor.flicker))) for sensor in (accel, gyro))
+    known = [as_noise(sensor, "noise") if some else None for sensor, some in zip((accel, gyro), loud, strict=True)]
     noisy = [
         reading if noise is None else reading + _noise(key, jax.tree.map(lambda x: as_array(x) if _some(x) else 0.0, noise), dwell, start)
         for key, noise, reading in zip(keys, known, made, strict=True)

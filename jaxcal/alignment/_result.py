@@ -207,9 +207,7 @@ class AlignmentFit(Bound):
 
     phi = property(lambda self: self._value("phi"), doc="Roll, rad; None if not determined (host only).")
     theta = property(lambda self: self._value("theta"), doc="Pitch, rad; None if not determined (host only).")
-    psi = property(
-        lambda self: self._value("psi"), doc="Azimuth, rad; None if not determined, or if two solutions fit equally well (host only)."
-    )
+    psi = property(lambda self: self._value("psi"), doc="Azimuth, rad; None if not determined, or two fit equally well (host only).")
     latitude = property(lambda self: self._value("latitude"), doc="Given or estimated latitude, rad; None if not determined (host only).")
 
     @property

@@ -189,9 +189,7 @@ def _moves(samples: dict[str, np.ndarray], start: np.ndarray, stop: np.ndarray, 
         part = gyro[stop[k] : start[k + 1]]
         there = np.isfinite(part).all(axis=1)
         lost = np.count_nonzero(~there) > 0.02 * len(part)
-        vectors.append(
-            np.full(3, np.nan) if lost else (part[there] - (means[k] + means[k + 1]) / 2).sum(axis=0) / rate * len(part) / there.sum()
-        )
+        vectors.append(np.full(3, np.nan) if lost else (part[there].mean(axis=0) - (means[k] + means[k + 1]) / 2) * len(part) / rate)
     turned = np.array(vectors)
     good = turned[np.isfinite(turned).all(axis=1)]
     size = np.linalg.norm(good, axis=1)
@@ -201,12 +199,9 @@ def _moves(samples: dict[str, np.ndarray], start: np.ndarray, stop: np.ndarray, 
     aside = np.linalg.norm(good - (good @ axis)[:, None] * axis, axis=1)
     if np.any(aside > _ASIDE * size.max() + _NO_MOVE):
         worst = int(np.argmax(aside))
-        raise DataError(
-            f"The moves turn about different axes: one of {np.rad2deg(size[worst]):.3g} degrees is off the axis of the others by "
-            f"{np.rad2deg(aside[worst]):.3g} degrees. jaxcal north takes a table that turns about one axis; correct the log with the "
-            "calibration of the IMU first, or use jaxcal imu.",
-            code="axes_of_moves",
-        )
+        said = f"The moves turn about different axes: one of {np.rad2deg(size[worst]):.3g} degrees is off the axis of the others by "
+        said += f"{np.rad2deg(aside[worst]):.3g} degrees. jaxcal north takes a table that turns about one axis: apply the calibration of "
+        raise DataError(said + "the IMU first, or use jaxcal imu.", code="axes_of_moves")
     accel = samples.get("accel")
     if accel is not None and accel.shape[1] == 3:
         force = _means(accel, start, stop)
@@ -259,11 +254,11 @@ def _angles(
             notes.append(FINDINGS("angle_turned"))
         elif off.max() > _DIFFER:
             worst = int(np.argmax(off))
-            raise DataError(
-                f"The angles contradict the gyroscope: between rests {worst + 1} and {worst + 2} the table turned by "
-                f"{np.rad2deg(turns[worst]):.4g} degrees, and the angles differ by {np.rad2deg(moved[worst]):.4g}. Check angles and units.",
-                code="angles",
+            said = f"The angles contradict the gyroscope: between rests {worst + 1} and {worst + 2} the table turned by "
+            said += (
+                f"{np.rad2deg(turns[worst]):.4g} degrees, and the angles differ by {np.rad2deg(moved[worst]):.4g}. Check angles and units."
             )
+            raise DataError(said, code="angles")
     sigma = np.broadcast_to(np.asarray(angle_std, dtype=float), (count,))
     return angle, np.diag(sigma**2)
 

@@ -107,10 +107,7 @@ class Steps(AbstractCurve):
         """Compute the sum of the series and all steps."""
         xp = array_module(self, t)
         t, height, centre, width = common(xp, t, self.height, self.centre, self.width)
-        total = self.base.value(t)
-        for j in range(height.shape[0]):
-            total = total + height[j] * sigmoid(t, centre[j], width[j])
-        return xp.asarray(total)
+        return xp.asarray(self.base.value(t) + xp.sum(height * sigmoid(t[..., None], centre, width), axis=-1))
 
 
 class Piecewise(AbstractCurve):

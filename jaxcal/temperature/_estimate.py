@@ -54,17 +54,12 @@ def residuals(model: Any, data: Bins) -> Any:
 
 def fitted(curve: AbstractCurve, bins: Bins) -> Fit:
     """Least-squares fit of a curve; the search begins at the given curve."""
-
-    def free(path: Any, leaf: Any) -> Any:
-        return jax.tree_util.keystr(path[-1:], simple=True) not in _HELD
-
     leaves = jax.tree.map(lambda leaf: np.asarray(leaf, dtype=float) if isinstance(leaf, (int, float)) else leaf, curve)
-    return solve(residuals, leaves, bins, free=jax.tree_util.tree_map_with_path(free, leaves))
+    free = jax.tree_util.tree_map_with_path(lambda path, _: jax.tree_util.keystr(path[-1:], simple=True) not in _HELD, leaves)
+    return solve(residuals, leaves, bins, free=free)
 
 
-def traced(
-    temperature: Any, bias: Any, model: Any, degree: int | None, time: Any, lag: Any, play: Any, quantity: str
-) -> TemperatureFit:  # fmt: skip
+def traced(temperature: Any, bias: Any, model: Any, degree: int | None, time: Any, lag: Any, play: Any, unit: str) -> TemperatureFit:
     """Traceable fit of a fully specified form, for a record that needs no cleaning."""
     known = isinstance(model, AbstractCurve) or model == "table" or (model == "polynomial" and degree is not None)
     if not known or isinstance(lag, str) or isinstance(play, str):
@@ -84,4 +79,4 @@ def traced(
     residual = bins.b - curve.value(bins.t)
     rms = jnp.sqrt(jnp.sum(bins.count * residual**2) / jnp.sum(bins.count))
     kind = model if isinstance(model, str) else type(model).__name__
-    return TemperatureFit(ThermalModel(curve, low, high, lag, play), bins, residual, rms, kind, quantity, degree)
+    return TemperatureFit(ThermalModel(curve, low, high, lag, play), bins, residual, rms, kind, unit, degree)

@@ -182,9 +182,7 @@ def _smooth(design: Design, records: list[Record], given: Form, asked: tuple[Any
     )  # fmt: skip
 
 
-def _given(
-    model: Any, degree: int | None, design: Design, one: Record, given: Form, confidence: float, quantity: str
-) -> TemperatureFit:  # fmt: skip
+def _given(model: Any, degree: int | None, design: Design, one: Record, given: Form, confidence: float, quantity: str) -> TemperatureFit:
     """Fit a given form by least squares over bins; the standard errors use the noise estimated about a smooth curve."""
     t, b = design.filtered(given.lag, given.play), design.b
     low, high = float(t.min()), float(t.max())

@@ -54,8 +54,7 @@ def characterise(
     channels = {name: values for name, values in log.channels().items() if name.partition("_")[0] in _SENSORS}
     temperature = thermometer(log)
     if not channels:
-        raise DataError(Message("the log has no gyroscope, accelerometer or magnetometer; name their columns with {option.columns}"),
-                        code="no_sensor")  # fmt: skip
+        raise DataError(Message("the log has no sensor; name columns of gyroscope or others with {option.columns}"), code="no_sensor")
     report = progress or (lambda done, total, name: None)
     fits, dead, refused = {}, [], []
     for done, (name, values) in enumerate(channels.items()):
@@ -105,8 +104,7 @@ def thermometer(log: Log) -> AnyArray:
     slope of the bias; the average over a second removes most of it.
     """
     if log.temperature is None:
-        said = "the log has no temperature; name its column with {option.columns:temperature=NAME}"
-        raise DataError(Message(said), code="no_temperature")
+        raise DataError(Message("the log has no temperature; give {option.columns:temperature=NAME}"), code="no_temperature")
     t = np.asarray(log.temperature, dtype=float)
     known = np.isfinite(t)
     t = np.asarray(np.interp(log.time, log.time[known], t[known]))

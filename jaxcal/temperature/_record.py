@@ -162,12 +162,10 @@ def _check(t: AnyArray) -> list[Finding]:
     low, high = float(t.min()), float(t.max())
     if high - low < _LEAST_RANGE:
         what = f"the temperature is constant at {low:.2f} degC" if high == low else f"the temperature covers {low:.2f} to {high:.2f} degC"
-        further = "Warm the sensor or cool it while it rests, over the range in which it will be used"
-        raise DataError(f"{what}; a thermal model needs at least {_LEAST_RANGE:g} degC. {further}", code="range")
+        raise DataError(f"{what}; warm or cool the resting sensor over its range of use, {_LEAST_RANGE:g} degC at least", code="range")
     count = binned(t, t).count
     if len(count) < _LEAST_BINS:
-        said = f"the samples fill {len(count)} bins of {FINE:g} degC; at least {_LEAST_BINS} are needed: change the temperature more slowly"
-        raise DataError(said, code="few_bins")
+        raise DataError(f"samples fill {len(count)} bins of {FINE:g} degC, not {_LEAST_BINS}: warm or cool more slowly", code="few_bins")
     held = float(np.median(count))
     return [FINDINGS("quick", bin=FINE, held=held, needed=_LEAST_SAMPLES)] if held < _LEAST_SAMPLES else []
 

@@ -116,14 +116,9 @@ class TemperatureFit(Result):
     @property
     def steps(self) -> tuple[Step, ...]:
         """The jumps, sorted by temperature."""
-        found = []
-        for i, chance in enumerate(self.chances):
-            known: dict[str, float] = {}
-            for part in _PARTS:
-                own = self.estimate.select(f"jump.{part}[{i}]")
-                known |= {part: float(own.values[0]), f"{part}_error": float(own.error[0])}
-            found.append(Step(**known, chance=chance))
-        return tuple(found)
+        each = [[self.estimate.select(f"jump.{part}[{i}]") for part in _PARTS] for i in range(len(self.chances))]
+        sizes = [[*(float(one.values[0]) for one in parts), *(float(one.error[0]) for one in parts)] for parts in each]
+        return tuple(Step(*known, chance) for known, chance in zip(sizes, self.chances, strict=True))
 
     @property
     def headline(self) -> str:

@@ -183,6 +183,5 @@ def _coarser(design: Design) -> Design:
     size = max(len(design.t) // COARSE, 1)
     if size == 1:
         return design
-    return Design(
-        [Part(*(x[: len(x) // size * size].reshape(-1, size).mean(axis=1) for x in part)) for part in design.parts], design.dt * size
-    )
+    means = (Part(*(x[: len(x) // size * size].reshape(-1, size).mean(axis=1) for x in part)) for part in design.parts)
+    return Design(list(means), design.dt * size)

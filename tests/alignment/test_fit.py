@@ -252,17 +252,9 @@ def test_plan_reaches_the_listed_optima(reference):
         assert again.azimuth_std == pytest.approx(found.criterion, rel=1e-6)
 
 
-def test_plan_with_moves_least_dwells_and_mirrored_order(refuses):
-    common = {"attitude": np.array([1.0, 2.0, 88.0]) * DEG, "accel_noise": VRW, "gyro_noise": ARW}
-    found = plan(300.0, LATITUDE, minimum_dwell=10.0, slew=4.0, mirrored=True, **common)
-    places = found.positions
-    assert len(places) == 12
-    np.testing.assert_allclose(places.angle, places.angle[::-1])
-    assert np.min(places.dwell) >= 10.0 - 1e-9
-    assert places.start[-1] + places.dwell[-1] == pytest.approx(300.0)
-    assert np.sum(places.dwell) == pytest.approx(300.0 - 10 * 4.0)
+def test_a_plan_without_time_is_refused(refuses):
     with refuses("too_short"):
-        plan(50.0, LATITUDE, minimum_dwell=10.0, **common)
+        plan(0.0, LATITUDE, accel_noise=VRW, gyro_noise=ARW)
 
 
 @pytest.mark.parametrize(
