@@ -22,6 +22,9 @@ Real = Value | float | int
 #: what NumPy makes an array of numbers of
 Numbers = ArrayLike | Sequence[Any]
 
+#: a number, or an array that stands for one, which may be traced
+Real = int | float | np.number | AnyArray
+
 #: the group of each of many items: a number or a word
 Groups = Sequence[Hashable] | AnyArray
 

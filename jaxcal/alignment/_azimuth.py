@@ -13,6 +13,7 @@ from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import host_float64, is_traced
 from .._special import NORMAL95
+from .._types import Real, Reals
 from ._closed import Closed, bias_and_scale, four_point, maximum, opposed, quadrature, scale_first, single_reading, triad
 from ._findings import OUTCOMES, decided, findings_of, has_number
 from ._level import Level
@@ -92,12 +93,12 @@ def _angle(name: str, value: Any, std: Any) -> Number:
 @host_float64
 def azimuth(
     readings: Readings,
-    level: Any,
-    latitude: Any,
+    level: "Level | Reals",
+    latitude: Real,
     *,
     method: str = "four_point",
-    hint: Any = None,
-    angle: Any = None,
+    hint: Real | None = None,
+    angle: Real | None = None,
 ) -> Azimuth:
     r"""Compute the azimuth of a table at rest from the readings of one gyro, the level and the latitude.
 

@@ -11,11 +11,11 @@ import numpy as np
 from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import array_module, host_float64, is_traced
-from .._types import Array
+from .._types import Array, Real, Reals
 from ..fitting import Estimate
 from ._model import NAMES, Table, Turntable, in_one_type, residuals, tabulate, turntable, with_angle_errors, with_values
 from ._noise import IDEAL, Sensor, as_noise, by_channel, check_noise
-from ._positions import GRAVITY, Readings, as_positions, check_gravity, check_latitude, checked_attitude
+from ._positions import GRAVITY, Positions, Readings, as_positions, check_gravity, check_latitude, checked_attitude
 from ._result import QUANTITIES, Bound, know, sizes_of
 from ._start import free_of, priors_of
 
@@ -31,9 +31,9 @@ def given_noise(noise: Any, name: str) -> Any:
 
 @host_float64
 def crlb(
-    positions: Any,
-    attitude: Any,
-    latitude: Any,
+    positions: Positions | Reals,
+    attitude: Reals,
+    latitude: Real,
     *,
     accel_noise: Any,
     gyro_noise: Any,
@@ -41,8 +41,8 @@ def crlb(
     priors: dict[str, Any] | None = None,
     accel: Sensor = IDEAL,
     gyro: Sensor = IDEAL,
-    lever_arm: Any = 0.0,
-    gravity: Any = GRAVITY,
+    lever_arm: Real = 0.0,
+    gravity: Real = GRAVITY,
 ) -> Bound:
     r"""Compute the Cramer-Rao bound of the joint fit, :math:`(J^T J)^{-1}` of the whitened Jacobian with the priors.
 

@@ -13,7 +13,7 @@ import numpy as np
 from .._errors import DataError
 from .._precision import array_module, host_float64, is_traced
 from .._special import chi_square_tail
-from .._types import AnyArray
+from .._types import AnyArray, Real
 from ..fitting import Estimate, Fit, solve
 from ..noise import Noise
 from ._closed import WEAK
@@ -37,15 +37,15 @@ _FEWEST = 0.5
 @host_float64
 def fit(
     readings: Readings,
-    latitude: Any = None,
+    latitude: Real | None = None,
     *,
     free: Iterable[str] | None = None,
     priors: dict[str, Any] | None = None,
     start: dict[str, Any] | None = None,
     model: Turntable | None = None,
-    hint: Any = None,
+    hint: Real | None = None,
     hemisphere: str | None = None,
-    gravity: Any = GRAVITY,
+    gravity: Real = GRAVITY,
     noise: Any = None,
 ) -> AlignmentFit:
     r"""Fit roll, pitch, azimuth, sensor errors and, optionally, latitude by joint nonlinear least squares.

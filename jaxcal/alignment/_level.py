@@ -14,7 +14,7 @@ from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import host_float64, is_traced
 from .._special import NORMAL95
-from .._types import Array
+from .._types import Array, Real
 from ._closed import WEAK, root_of
 from ._findings import OUTCOMES, decided, findings_of
 from ._positions import GRAVITY, METHODS, SMALL, Readings, check_gravity, distance, harmonics, means_at, need, wanted, wrap
@@ -83,8 +83,8 @@ def level(
     readings: Readings,
     *,
     method: str = "four_point_x",
-    gravity: Any = GRAVITY,
-    hint: Any = None,
+    gravity: Real = GRAVITY,
+    hint: Real | None = None,
     both_z: bool = False,
 ) -> Level:
     r"""Compute roll and pitch of a table at rest from the readings of one accelerometer.

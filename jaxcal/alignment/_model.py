@@ -12,10 +12,10 @@ from .._arrays import padded as long, power_of_two
 from .._errors import DataError
 from .._frozen import Model
 from .._precision import array_module
-from .._types import AnyArray
+from .._types import AnyArray, Real
 from ..noise import Noise
 from ._noise import Sensor, covariance_of, weight_of
-from ._positions import EARTH_RATE, GRAVITY, Geometry, Positions, Readings, geometry, table_from_nav
+from ._positions import EARTH_RATE, GRAVITY, Geometry, Places, Positions, Readings, geometry, table_from_nav
 
 _SMALLEST_PAD = 16
 
@@ -76,14 +76,14 @@ class Turntable(Model):
         xp, matrix = array_module(self), self.matrix
         return matrix[:, 0] * xp.cos(self.latitude) - matrix[:, 2] * xp.sin(self.latitude)
 
-    def truth(self, positions: Any, *, gravity: Any = GRAVITY, lever_arm: Any = 0.0) -> tuple[AnyArray, AnyArray]:
+    def truth(self, positions: Places, *, gravity: Real = GRAVITY, lever_arm: Real = 0.0) -> tuple[AnyArray, AnyArray]:
         """True specific force (n, 3), m/s^2, and angular rate (n, 3), rad/s, along the sensitive and two cross axes; see `measure`."""
         places = geometry(positions, gravity, lever_arm)
         earth = EARTH_RATE * self.earth_rate
         force = places.force + places.coriolis @ earth - places.gravity * places.axes @ self.matrix[:, 2]
         return force, places.rate + places.axes @ earth
 
-    def measure(self, positions: Any, *, gravity: Any = GRAVITY, lever_arm: Any = 0.0) -> tuple[AnyArray, AnyArray]:
+    def measure(self, positions: Places, *, gravity: Real = GRAVITY, lever_arm: Real = 0.0) -> tuple[AnyArray, AnyArray]:
         """Compute the noise-free readings of the accelerometer (n,), m/s^2, and of the gyro (n,), rad/s.
 
         Parameters
@@ -136,7 +136,7 @@ class Triads(Turntable):
     ma_g_zx: Any = 0.0
     ma_g_zy: Any = 0.0
 
-    def measure(self, positions: Any, *, gravity: Any = GRAVITY, lever_arm: Any = 0.0) -> tuple[AnyArray, AnyArray]:
+    def measure(self, positions: Places, *, gravity: Real = GRAVITY, lever_arm: Real = 0.0) -> tuple[AnyArray, AnyArray]:
         """Compute the noise-free readings as `Turntable.measure` does, with the bias of each axis and the misalignment of the z axes."""
         places = geometry(positions, gravity, lever_arm)
         xp, readings, truth = array_module(self, places), super().measure(places), self.truth(places)
@@ -218,7 +218,7 @@ class Table(eqx.Module):
         return [(weight if weight.ndim == 1 else weight.diagonal()) > 0 for weight in (self.weight_accel, self.weight_gyro)]
 
 
-def residuals(model: Any, data: Any) -> Any:
+def residuals(model: Turntable, data: Table | Readings) -> Any:
     r"""Compute the residuals of a turntable model in units of their standard deviation: accelerometer, gyro, priors.
 
     .. math:: r = \left(W_a (\hat a - a),\; W_g (\hat w - w),\; (x - x_0)/\sigma_0\right)

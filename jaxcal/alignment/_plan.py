@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -16,7 +16,7 @@ from .._answer import Finding, Number, Result, Section, listed
 from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import host_float64, is_traced
-from .._types import Array
+from .._types import Array, Real, Reals
 from ._bound import given_noise, jacobian_at
 from ._model import NAMES, Table, Turntable, padded, turntable
 from ._noise import IDEAL, covariance_of, weight_of
@@ -63,16 +63,16 @@ class Plan(Result):
 
 @host_float64
 def plan(
-    total_time: Any,
-    latitude: Any,
+    total_time: Real,
+    latitude: Real,
     *,
-    attitude: Any = (0.0, 0.0, 0.0),
+    attitude: Reals = (0.0, 0.0, 0.0),
     accel_noise: Any,
     gyro_noise: Any,
-    mountings: Any = ("x",) * 6,
+    mountings: Sequence[str] = ("x",) * 6,
     free: Iterable[str] | None = None,
     priors: dict[str, Any] | None = None,
-    gravity: Any = GRAVITY,
+    gravity: Real = GRAVITY,
     seed: int = 0,
 ) -> Plan:
     r"""Choose table angles and dwells that minimise the bound of the azimuth for a given total time.

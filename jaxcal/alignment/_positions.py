@@ -10,7 +10,7 @@ import numpy as np
 from .._arrays import namespace
 from .._errors import DataError
 from .._precision import array_module, is_traced
-from .._types import AnyArray, Array
+from .._types import AnyArray, Array, Real, Reals
 from .._units import EARTH_RATE as EARTH_RATE, ON_EARTH, STANDARD_GRAVITY, on_earth
 from ._findings import FINDINGS
 from ._noise import as_noise, by_channel, covariance_of
@@ -44,17 +44,17 @@ def wanted(sensor: str, method: str) -> list[tuple[str, float]]:
     return [(mounting, float(np.deg2rad(angle))) for mounting, angles in METHODS[sensor][method].items() for angle in angles]
 
 
-def wrap(angle: Any) -> Any:
+def wrap(angle: Real) -> Any:
     """Wrap an angle to (-pi, pi]."""
     return angle - 2 * np.pi * array_module(angle).ceil((angle - np.pi) / (2 * np.pi))
 
 
-def distance(first: Any, second: Any) -> Any:
+def distance(first: Real, second: Real) -> Any:
     """Absolute difference between two azimuths, in [0, pi]."""
     return abs(wrap(first - second))
 
 
-def table_from_nav(phi: Any, theta: Any, psi: Any) -> AnyArray:
+def table_from_nav(phi: Real, theta: Real, psi: Real) -> AnyArray:
     """Rotation matrix C_TN = Rx(phi) Ry(theta) Rz(psi), (3, 3), from north, east, down to table axes."""
     xp = array_module(phi, theta, psi)
     sf, cf, st, ct, sp, cp = (f(a) for a in (phi, theta, psi) for f in (xp.sin, xp.cos))
@@ -220,7 +220,7 @@ def _per_position(value: Any, angle: Any, name: str) -> Any:
     return namespace(value, concrete=True).broadcast_to(value, angle.shape)
 
 
-def as_positions(given: Any) -> Positions:
+def as_positions(given: Positions | Reals) -> Positions:
     """Return `Positions` unchanged, or make them from table angles."""
     return given if isinstance(given, Positions) else Positions(given)
 
@@ -255,6 +255,10 @@ class Geometry(eqx.Module):
     coriolis: AnyArray
     rate: AnyArray
     gravity: Any
+
+
+#: positions, table angles in rad, or what `geometry` made of them
+Places = Positions | Geometry | Reals
 
 
 def geometry(positions: Any, gravity: Any = GRAVITY, lever_arm: Any = 0.0) -> Geometry:
@@ -336,7 +340,7 @@ def harmonics(readings: Readings, sensor: str, mounting: str, unit: Any) -> tupl
     return value / unit, _noise(readings, sensor, unit) ** 2 * covariance, jnp.all(known)
 
 
-def check_gravity(gravity: Any) -> Any:
+def check_gravity(gravity: Real) -> Any:
     """Refuse gravity that is not in m/s^2 or does not occur on the Earth's surface."""
     if not is_traced(gravity) and not on_earth("gravity", gravity):
         low, high = ON_EARTH["gravity"]
@@ -344,14 +348,14 @@ def check_gravity(gravity: Any) -> Any:
     return gravity
 
 
-def check_latitude(latitude: Any) -> Any:
+def check_latitude(latitude: Real) -> Any:
     """Refuse a latitude beyond a pole, which is probably in degrees."""
     if not is_traced(latitude) and not abs(float(latitude)) <= np.pi / 2 + 1e-9:
         raise DataError(f"The latitude is {float(latitude):g} rad; it lies within pi/2 (degrees: numpy.deg2rad).", code="latitude")
     return latitude
 
 
-def checked_attitude(attitude: Any) -> Any:
+def checked_attitude(attitude: Reals) -> Any:
     """Roll, pitch and azimuth (3,), which are finite."""
     attitude = attitude if is_traced(attitude) else np.asarray(attitude, dtype=float)
     if attitude.shape != (3,) or not (is_traced(attitude) or np.isfinite(attitude).all()):

@@ -8,11 +8,11 @@ import jax.numpy as jnp
 
 from .._compile import filter_jit
 from .._precision import host_float64
-from .._types import Array
+from .._types import Array, Real, Reals
 from ..noise import Noise, mean_covariance
 from ._model import in_one_type, turntable
 from ._noise import IDEAL, Sensor, as_noise, white_alone
-from ._positions import GRAVITY, Readings, as_positions, check_latitude, checked_attitude
+from ._positions import GRAVITY, Positions, Readings, as_positions, check_latitude, checked_attitude
 
 
 @filter_jit
@@ -28,15 +28,15 @@ def _noise(key: Array, noise: Noise, dwell: Array, start: Array) -> Array:
 
 @host_float64
 def simulate(
-    positions: Any,
-    attitude: Any,
-    latitude: Any,
+    positions: Positions | Reals,
+    attitude: Reals,
+    latitude: Real,
     *,
     accel: Sensor = IDEAL,
     gyro: Sensor = IDEAL,
-    lever_arm: Any = 0.0,
-    gravity: Any = GRAVITY,
-    seed: Any = 0,
+    lever_arm: Real = 0.0,
+    gravity: Real = GRAVITY,
+    seed: int | Array = 0,
 ) -> Readings:
     r"""Simulate readings of an accelerometer and a gyro on a turntable.
 

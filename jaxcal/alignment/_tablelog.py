@@ -11,6 +11,7 @@ from .._errors import DataError
 from .._log import as_log
 from .._message import Message
 from .._precision import host_float64
+from .._types import Real, Reals
 from ..evidence._rests import still_intervals
 from ._findings import FINDINGS
 from ._fit import fit
@@ -64,7 +65,7 @@ class TableLog(eqx.Module):
     frame: np.ndarray
     findings: tuple[Finding, ...] = eqx.field(static=True)
 
-    def fit(self, latitude: Any = None, **options: Any) -> AlignmentFit:
+    def fit(self, latitude: Real | None = None, **options: Any) -> AlignmentFit:
         """Call `jaxcal.alignment.fit` with the readings, model and free parameters of this log; `options` are passed on."""
         given = {"free": self.free, **options, "priors": self.priors | (options.get("priors") or {})}
         found = fit(self.readings, latitude, model=self.model, **given)
@@ -75,11 +76,11 @@ class TableLog(eqx.Module):
 def from_log(
     log: Any,
     *,
-    angle: Any = None,
-    angles: Any = None,
+    angle: Reals | None = None,
+    angles: Reals | None = None,
     noise: Any = None,
     axis: str = "x",
-    angle_std: Any = 0.0,
+    angle_std: Real | Reals = 0.0,
     gyro_scale: float | int = 1e-3,
     least: float | int = 5.0,
 ) -> TableLog:

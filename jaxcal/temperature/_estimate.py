@@ -21,7 +21,7 @@ from ._result import TemperatureFit
 _HELD = ("low", "high", "nodes")
 
 
-def residuals(model: Any, data: Bins) -> Any:
+def residuals(model: ThermalModel | AbstractCurve, data: Bins) -> Any:
     r"""Compute the residuals of a thermal model on bins of temperature, in units of their standard deviation.
 
     .. math:: r_j = \sqrt{c_j}\,(f(T_j) - b_j)/\sigma

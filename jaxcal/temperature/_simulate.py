@@ -1,13 +1,11 @@
 """`simulate`: a bias that depends on temperature, with a known jump and known hysteresis."""
 
-from typing import Any
-
 import equinox as eqx
 import numpy as np
 
 from .._errors import DataError
 from .._precision import host_float64
-from .._types import AnyArray
+from .._types import AnyArray, Real, Reals
 from ._curves import sigmoid
 from ._hysteresis import felt
 
@@ -40,7 +38,7 @@ class Simulated(eqx.Module):
     truth: AnyArray
 
 
-def reference_bias(temperature: Any, jump: float = np.deg2rad(0.3)) -> AnyArray:
+def reference_bias(temperature: Real | Reals, jump: float = np.deg2rad(0.3)) -> AnyArray:
     r"""Compute the true bias of `simulate`, rad/s: a cubic between 20 and 45 degC, and a jump at 24.5 degC.
 
     .. math:: b = 0.05 + 0.12 x - 0.06 x^2 + 0.04 x^3 + J/(1 + e^{-(T - 24.5)/0.08})\ \text{deg/s},\quad x = (T - 32.5)/12.5
@@ -83,7 +81,7 @@ def simulate(
     thermometer: float = 0.02,
     duration: float = 5400.0,
     rate: float = 1.0,
-    seed: Any = 0,
+    seed: int | np.random.Generator = 0,
 ) -> Simulated:
     """Simulate a gyroscope channel at rest while the temperature changes between 20 and 45 degC.
 
