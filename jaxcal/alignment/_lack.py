@@ -112,10 +112,8 @@ class _Look:
         for _ in range(_PASSES):
             rows, steps = self._rows(self.values), np.diag(SMALL * self.sizes)[self.free]
             slope = np.stack([(self._rows(self.values + h) - self._rows(self.values - h)) / (2 * h.max()) for h in steps], axis=1)
-            made = {
-                name: np.stack([self._rows(self.values, self._less(-one)) - rows for one in np.moveaxis(effect, 2, 0)], axis=1)
-                for name, effect in terms.items()
-            }
+            moved = lambda one, rows=rows: self._rows(self.values, self._less(-one)) - rows  # noqa: E731
+            made = {name: np.stack([moved(one) for one in np.moveaxis(effect, 2, 0)], axis=1) for name, effect in terms.items()}
             tried = [one for one in missing(rows, slope, made, 1.0) if np.all(np.isfinite(one.covariance))]
             none = max(0.0, np.log(LEVEL / max(len(terms), 1)) - scattered)
             odds = np.array([none, *(np.log(LEVEL) - one.log_level for one in tried)])

@@ -140,9 +140,8 @@ class Triads(Turntable):
         """Compute the noise-free readings as `Turntable.measure` does, with the bias of each axis and the misalignment of the z axes."""
         places = geometry(positions, gravity, lever_arm)
         xp, readings, truth = array_module(self, places), super().measure(places), self.truth(places)
-        errors = (
-            (self.b_a, self.b_a_y, self.b_a_z, self.ma_a_zx, self.ma_a_zy), (self.b_g, self.b_g_y, self.b_g_z, self.ma_g_zx, self.ma_g_zy),
-        )  # fmt: skip
+        accel = self.b_a, self.b_a_y, self.b_a_z, self.ma_a_zx, self.ma_a_zy
+        errors = accel, (self.b_g, self.b_g_y, self.b_g_z, self.ma_g_zx, self.ma_g_zy)
         made = []
         for reading, true, (x, y, z, towards_x, towards_y) in zip(readings, truth, errors, strict=True):
             # the cross axes of a sensor on z are x and y

@@ -144,10 +144,8 @@ def mixed(noises: tuple[Noise, ...], matrix: np.ndarray) -> tuple[Noise, ...]:
 
     def one(row: np.ndarray) -> Noise:
         squares = {name: sum((w * float(getattr(n, name))) ** 2 for w, n in zip(row, noises, strict=True)) for name in "QNBKR"}
-        rest = {
-            name: tuple((abs(w) * pair[0], pair[1]) for w, n in zip(row, noises, strict=True) for pair in getattr(n, name))
-            for name in ("markov", "sinusoid", "further")
-        }
+        sizes, processes = list(zip(np.abs(row), noises, strict=True)), ("markov", "sinusoid", "further")
+        rest = {name: tuple((size * one[0], one[1]) for size, n in sizes for one in getattr(n, name)) for name in processes}
         return Noise(**{name: float(np.sqrt(square)) for name, square in squares.items()}, **rest)
 
     return tuple(one(row) for row in matrix)

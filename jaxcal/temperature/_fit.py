@@ -123,15 +123,13 @@ def _check(model: Any, degree: Any, lag: Any, play: Any, confidence: float, time
         said = "{option.degree:{degree}}: expected a whole number from 0 to {cap}"
         raise DataError(Message(said, degree=degree, cap=DEGREE), code="degree")
     if not 0 < confidence < 1:
-        said = "{option.confidence:{level:g}}: expected a level between 0 and 1, such as 0.95"
-        raise DataError(Message(said, level=confidence), code="confidence")
+        raise DataError(Message("{option.confidence:{level:g}}: expected a level between 0 and 1", level=confidence), code="confidence")
     checked = []
     for name, value in (("lag", lag), ("play", play)):
         value = ("auto" if auto else 0.0) if value is None else value
         number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool) and np.isfinite(value) and value >= 0
         if not number and not (value == "auto" and auto):
-            said = f"{{option.{name}:{value}}}: expected a number from 0, or auto with {{option.model:auto}}"
-            raise DataError(Message(said), code=name)
+            raise DataError(Message(f"{{option.{name}:{value}}}: expected a number, or auto with {{option.model:auto}}"), code=name)
         checked.append(value)
     if checked[0] != "auto" and checked[0] > 0 and time is None:
         raise DataError(Message("a lag needs the times of the samples: give {option.time}"), code="no_time")

@@ -104,7 +104,7 @@ def thermometer(log: Log) -> AnyArray:
     slope of the bias; the average over a second removes most of it.
     """
     if log.temperature is None:
-        raise DataError(Message("the log has no temperature; give {option.columns:temperature=NAME}"), code="no_temperature")
+        raise DataError(Message("no temperature; name its column with {option.columns:temperature=NAME}"), code="no_temperature")
     t = np.asarray(log.temperature, dtype=float)
     known = np.isfinite(t)
     t = np.asarray(np.interp(log.time, log.time[known], t[known]))

@@ -13,6 +13,8 @@ from ._curves import AbstractCurve, common
 from ._hysteresis import felt, rate_of, steps_of
 from ._record import FINE
 
+Times, Rate = Reals | None, Real | None
+
 
 class ClampWarning(UserWarning):
     """Warning that temperatures outside the range of a model were replaced by its nearest end.
@@ -118,9 +120,7 @@ class ThermalModel(Model):
         return self.correct_chunk(y, temperature, time=time, rate=rate)[0]
 
     @host_float64
-    def correct_chunk(
-        self, y: Reals, temperature: Reals, *, time: Reals | None = None, rate: Real | None = None, state: Any = None
-    ) -> tuple[AnyArray, Any]:
+    def correct_chunk(self, y: Reals, temperature: Reals, *, time: Times = None, rate: Rate = None, state: Any = None) -> tuple[Any, Any]:
         """Correct one part of a stream like `correct`; also return the state to pass to the call for the next part.
 
         If the model has a rate term, the first part should last a minute, because the filter starts from a line through it. With `time`,
@@ -132,7 +132,7 @@ class ThermalModel(Model):
     def _at(self, y: Reals, temperature: Reals, time: Reals | None, rate: Real | None, state: Any) -> tuple[Any, Any, Any]:
         """Readings and bias of every sample, in one dtype, and the state after the last sample."""
         if np.shape(y) != np.shape(temperature) or np.ndim(temperature) != 1 or not np.size(temperature):
-            raise DataError(f"y has shape {np.shape(y)} and temperature {np.shape(temperature)}; expected both (n,), for each reading one")
+            raise DataError(f"y has shape {np.shape(y)} and temperature {np.shape(temperature)}; give one temperature per reading")
         xp = array_module(self, y, temperature)
         t, y = common(xp, temperature, y)
         if not is_traced(t) and not np.isfinite(t).all():
@@ -140,9 +140,7 @@ class ThermalModel(Model):
         t, further, state = self.effective(t, time=time, rate=rate, state=state)
         return y, self._value(t) + further, state
 
-    def effective(
-        self, temperature: Reals, *, time: Reals | None = None, rate: Real | None = None, state: Any = None
-    ) -> tuple[Any, Any, Any]:
+    def effective(self, temperature: Reals, *, time: Times = None, rate: Rate = None, state: Any = None) -> tuple[Any, Any, Any]:
         """Temperature at the sensor (not clipped), bias due to the rate of change, and the state of all filters after the last sample."""
         moves = is_traced(self.rate) or self.rate != 0
         steps = _steps(temperature, time, rate) if moves or is_traced(self.lag) or self.lag > 0 else None

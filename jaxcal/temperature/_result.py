@@ -136,8 +136,7 @@ class TemperatureFit(Result):
 
     def sections(self) -> list[Section]:
         """Errors, jumps and parameters; the curve."""
-        rows = tuple((label, (cell,)) for label, cell in self.rows().items())
-        return [Grid("curve", self.kind, ("",), rows), *self.details()]
+        return [Grid("curve", self.kind, ("",), tuple((label, (cell,)) for label, cell in self.rows().items())), *self.details()]
 
     def rows(self, prefix: str = "") -> dict[str, Number]:
         """Numbers by their label."""
