@@ -13,7 +13,7 @@ from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import host_float64, is_traced
 from .._special import NORMAL95
-from .._types import Real, Reals
+from .._types import Numbers, Real
 from ._closed import Closed, bias_and_scale, four_point, maximum, opposed, quadrature, scale_first, single_reading, triad
 from ._findings import OUTCOMES, decided, findings_of, has_number
 from ._level import Level
@@ -93,7 +93,7 @@ def _angle(name: str, value: Any, std: Any) -> Number:
 @host_float64
 def azimuth(
     readings: Readings,
-    level: "Level | Reals",
+    level: "Level | Numbers",
     latitude: Real,
     *,
     method: str = "four_point",

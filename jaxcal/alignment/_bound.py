@@ -11,7 +11,7 @@ import numpy as np
 from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import array_module, host_float64, is_traced
-from .._types import Array, Real, Reals
+from .._types import Array, Numbers, Real
 from ..fitting import Estimate
 from ._model import NAMES, Table, Turntable, in_one_type, residuals, tabulate, turntable, with_angle_errors, with_values
 from ._noise import IDEAL, Sensor, as_noise, by_channel, check_noise
@@ -31,8 +31,8 @@ def given_noise(noise: Any, name: str) -> Any:
 
 @host_float64
 def crlb(
-    positions: Positions | Reals,
-    attitude: Reals,
+    positions: Positions | Numbers,
+    attitude: Numbers,
     latitude: Real,
     *,
     accel_noise: Any,

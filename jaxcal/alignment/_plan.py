@@ -16,7 +16,7 @@ from .._answer import Finding, Number, Result, Section, listed
 from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import host_float64, is_traced
-from .._types import Array, Real, Reals
+from .._types import Array, Numbers, Real
 from ._bound import given_noise, jacobian_at
 from ._model import NAMES, Table, Turntable, padded, turntable
 from ._noise import IDEAL, covariance_of, weight_of
@@ -66,7 +66,7 @@ def plan(
     total_time: Real,
     latitude: Real,
     *,
-    attitude: Reals = (0.0, 0.0, 0.0),
+    attitude: Numbers = (0.0, 0.0, 0.0),
     accel_noise: Any,
     gyro_noise: Any,
     mountings: Sequence[str] = ("x",) * 6,

@@ -10,7 +10,7 @@ import numpy as np
 from .._arrays import namespace
 from .._errors import DataError
 from .._precision import array_module, is_traced
-from .._types import AnyArray, Array, Real, Reals
+from .._types import AnyArray, Array, Numbers, Real
 from .._units import EARTH_RATE as EARTH_RATE, ON_EARTH, STANDARD_GRAVITY, on_earth
 from ._findings import FINDINGS
 from ._noise import as_noise, by_channel, covariance_of
@@ -220,7 +220,7 @@ def _per_position(value: Any, angle: Any, name: str) -> Any:
     return namespace(value, concrete=True).broadcast_to(value, angle.shape)
 
 
-def as_positions(given: Positions | Reals) -> Positions:
+def as_positions(given: Positions | Numbers) -> Positions:
     """Return `Positions` unchanged, or make them from table angles."""
     return given if isinstance(given, Positions) else Positions(given)
 
@@ -258,7 +258,7 @@ class Geometry(eqx.Module):
 
 
 #: positions, table angles in rad, or what `geometry` made of them
-Places = Positions | Geometry | Reals
+Places = Positions | Geometry | Numbers
 
 
 def geometry(positions: Any, gravity: Any = GRAVITY, lever_arm: Any = 0.0) -> Geometry:
@@ -355,7 +355,7 @@ def check_latitude(latitude: Real) -> Any:
     return latitude
 
 
-def checked_attitude(attitude: Reals) -> Any:
+def checked_attitude(attitude: Numbers) -> Any:
     """Roll, pitch and azimuth (3,), which are finite."""
     attitude = attitude if is_traced(attitude) else np.asarray(attitude, dtype=float)
     if attitude.shape != (3,) or not (is_traced(attitude) or np.isfinite(attitude).all()):

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from .._compile import filter_jit
 from .._precision import host_float64
-from .._types import Array, Real, Reals
+from .._types import Array, Numbers, Real
 from ..noise import Noise, mean_covariance
 from ._model import in_one_type, turntable
 from ._noise import IDEAL, Sensor, as_noise, white_alone
@@ -28,8 +28,8 @@ def _noise(key: Array, noise: Noise, dwell: Array, start: Array) -> Array:
 
 @host_float64
 def simulate(
-    positions: Positions | Reals,
-    attitude: Reals,
+    positions: Positions | Numbers,
+    attitude: Numbers,
     latitude: Real,
     *,
     accel: Sensor = IDEAL,

@@ -11,7 +11,7 @@ from .._errors import DataError
 from .._log import as_log
 from .._message import Message
 from .._precision import host_float64
-from .._types import Real, Reals
+from .._types import Numbers, Real
 from ..evidence._rests import still_intervals
 from ._findings import FINDINGS
 from ._fit import fit
@@ -76,11 +76,11 @@ class TableLog(eqx.Module):
 def from_log(
     log: Any,
     *,
-    angle: Reals | None = None,
-    angles: Reals | None = None,
+    angle: Numbers | None = None,
+    angles: Numbers | None = None,
     noise: Any = None,
     axis: str = "x",
-    angle_std: Real | Reals = 0.0,
+    angle_std: Numbers = 0.0,
     gyro_scale: float | int = 1e-3,
     least: float | int = 5.0,
 ) -> TableLog:

@@ -10,7 +10,7 @@ import scipy  # loads its parts when they are first used
 
 from .._frozen import Model
 from .._precision import array_module
-from .._types import AnyArray, Real, Reals
+from .._types import AnyArray, Numbers, Real
 
 
 def sigmoid(t: Real, centre: Real, width: Real) -> Any:
@@ -41,7 +41,7 @@ class AbstractCurve(Model):
     """
 
     @abc.abstractmethod
-    def value(self, t: Real | Reals) -> AnyArray:
+    def value(self, t: Numbers) -> AnyArray:
         """Compute the bias at the temperatures `t` (n,) or (), degC."""
 
 
@@ -68,7 +68,7 @@ class Chebyshev(AbstractCurve):
     low: Any
     high: Any
 
-    def value(self, t: Real | Reals) -> AnyArray:
+    def value(self, t: Numbers) -> AnyArray:
         """Compute the bias by Clenshaw's recurrence, C. W. Clenshaw, Math. Comp. 9 (1955) 118."""
         xp = array_module(self, t)
         t, q, low, high = common(xp, t, self.coefficients, self.low, self.high)
@@ -103,7 +103,7 @@ class Steps(AbstractCurve):
     centre: Any
     width: Any
 
-    def value(self, t: Real | Reals) -> AnyArray:
+    def value(self, t: Numbers) -> AnyArray:
         """Compute the sum of the series and all steps."""
         xp = array_module(self, t)
         t, height, centre, width = common(xp, t, self.height, self.centre, self.width)
@@ -133,7 +133,7 @@ class Piecewise(AbstractCurve):
     nodes: Any
     coefficients: Any
 
-    def value(self, t: Real | Reals) -> AnyArray:
+    def value(self, t: Numbers) -> AnyArray:
         """Compute the bias by Horner's rule in the piece of each temperature."""
         xp = array_module(self, t)
         t, nodes, c = common(xp, t, self.nodes, self.coefficients)

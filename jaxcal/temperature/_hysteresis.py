@@ -11,14 +11,14 @@ import jax
 import jax.numpy as jnp
 
 from .._precision import array_module, is_traced
-from .._types import AnyArray, Real, Reals
+from .._types import AnyArray, Numbers, Real
 from ._curves import common
 
 _Maps = tuple[Any, Any]
 _SMOOTH, _BEGIN = 45.0, 60.0  # s: time constant of the smoothing of a rate of change, and length of the line fitted to start it
 
 
-def lagged(temperature: Reals, dt: Real, tau: Real, start: Real | None = None) -> AnyArray:
+def lagged(temperature: Numbers, dt: Real, tau: Real, start: Real | None = None) -> AnyArray:
     r"""Compute the temperature of an element that follows the thermometer with a time constant.
 
     .. math:: x_k = x_{k-1} + (1 - e^{-\Delta t/\tau}) (T_k - x_{k-1})
@@ -50,7 +50,7 @@ def lagged(temperature: Reals, dt: Real, tau: Real, start: Real | None = None) -
     return _scanned(xp, keep, follow, first, lambda a, b: (a[0] * b[0], b[0] * a[1] + b[1]), lambda m, x: m[0] * x + m[1])
 
 
-def played(temperature: Reals, play: Real, start: Real | None = None) -> AnyArray:
+def played(temperature: Numbers, play: Real, start: Real | None = None) -> AnyArray:
     r"""Compute the temperature behind a backlash of half-width h.
 
     .. math:: P_k = \min(\max(P_{k-1}, T_k - h), T_k + h)

@@ -8,12 +8,12 @@ import numpy as np
 from .._errors import DataError
 from .._frozen import Model
 from .._precision import array_module, host_float64, is_traced
-from .._types import AnyArray, Real, Reals
+from .._types import AnyArray, Numbers, Real
 from ._curves import AbstractCurve, common
 from ._hysteresis import felt, rate_of, steps_of
 from ._record import FINE
 
-Times, Rate = Reals | None, Real | None
+Times, Hz = Numbers | None, Real | None
 
 
 class ClampWarning(UserWarning):
@@ -73,7 +73,7 @@ class ThermalModel(Model):
     rate_lag: Any = 0.0
 
     @host_float64
-    def bias_at(self, temperature: Real | Reals, rate_of_change: Real | Reals | None = None) -> AnyArray:
+    def bias_at(self, temperature: Numbers, rate_of_change: Numbers | None = None) -> AnyArray:
         """Compute the bias at temperatures; with `rate_of_change` on a steady ramp: f(T - tau dT/dt - h sign(dT/dt)) + c dT/dt.
 
         Parameters
@@ -93,13 +93,13 @@ class ThermalModel(Model):
         return self._value(t - lag * rate - play * xp.sign(rate)) + own * rate
 
     @host_float64
-    def measure(self, x: Reals, temperature: Reals, *, time: Reals | None = None, rate: Real | None = None) -> AnyArray:
+    def measure(self, x: Numbers, temperature: Numbers, *, time: Numbers | None = None, rate: Real | None = None) -> AnyArray:
         """Compute the readings of a true input, x + b(T); the inverse of `correct`, with its parameters."""
         x, value, _ = self._at(x, temperature, time, rate, None)
         return x + value
 
     @host_float64
-    def correct(self, y: Reals, temperature: Reals, *, time: Reals | None = None, rate: Real | None = None) -> AnyArray:
+    def correct(self, y: Numbers, temperature: Numbers, *, time: Numbers | None = None, rate: Real | None = None) -> AnyArray:
         """Correct readings: y - b(T).
 
         Parameters
@@ -120,7 +120,7 @@ class ThermalModel(Model):
         return self.correct_chunk(y, temperature, time=time, rate=rate)[0]
 
     @host_float64
-    def correct_chunk(self, y: Reals, temperature: Reals, *, time: Times = None, rate: Rate = None, state: Any = None) -> tuple[Any, Any]:
+    def correct_chunk(self, y: Numbers, temperature: Numbers, *, time: Times = None, rate: Hz = None, state: Any = None) -> tuple[Any, Any]:
         """Correct one part of a stream like `correct`; also return the state to pass to the call for the next part.
 
         If the model has a rate term, the first part should last a minute, because the filter starts from a line through it. With `time`,
@@ -129,7 +129,7 @@ class ThermalModel(Model):
         y, value, state = self._at(y, temperature, time, rate, state)
         return y - value, state
 
-    def _at(self, y: Reals, temperature: Reals, time: Reals | None, rate: Real | None, state: Any) -> tuple[Any, Any, Any]:
+    def _at(self, y: Numbers, temperature: Numbers, time: Numbers | None, rate: Real | None, state: Any) -> tuple[Any, Any, Any]:
         """Readings and bias of every sample, in one dtype, and the state after the last sample."""
         if np.shape(y) != np.shape(temperature) or np.ndim(temperature) != 1 or not np.size(temperature):
             raise DataError(f"y has shape {np.shape(y)} and temperature {np.shape(temperature)}; give one temperature per reading")
@@ -140,7 +140,7 @@ class ThermalModel(Model):
         t, further, state = self.effective(t, time=time, rate=rate, state=state)
         return y, self._value(t) + further, state
 
-    def effective(self, temperature: Reals, *, time: Times = None, rate: Rate = None, state: Any = None) -> tuple[Any, Any, Any]:
+    def effective(self, temperature: Numbers, *, time: Times = None, rate: Hz = None, state: Any = None) -> tuple[Any, Any, Any]:
         """Temperature at the sensor (not clipped), bias due to the rate of change, and the state of all filters after the last sample."""
         moves = is_traced(self.rate) or self.rate != 0
         steps = _steps(temperature, time, rate) if moves or is_traced(self.lag) or self.lag > 0 else None

@@ -10,7 +10,7 @@ import scipy  # loads its parts when they are first used
 from .._answer import Curve, Finding, Grid, Number, Result, Results, Section, joined_names
 from .._precision import host_float64
 from .._special import NORMAL95
-from .._types import AnyArray, Real, Reals
+from .._types import AnyArray, Numbers
 from .._units import shown_in
 from ..fitting import Estimate
 from ._model import ThermalModel
@@ -164,12 +164,12 @@ class TemperatureFit(Result):
         return [Curve(f"{prefix}curve", title, columns)]
 
     @host_float64
-    def interval_at(self, temperature: Real | Reals) -> tuple[AnyArray, AnyArray]:
+    def interval_at(self, temperature: Numbers) -> tuple[AnyArray, AnyArray]:
         """Limits of the confidence interval of the curve at steady temperatures (n,) or (), degC, at level `confidence`."""
         return self._about(temperature, self.error)
 
     @host_float64
-    def prediction_at(self, temperature: Real | Reals) -> tuple[AnyArray, AnyArray]:
+    def prediction_at(self, temperature: Numbers) -> tuple[AnyArray, AnyArray]:
         """Limits of the prediction interval of mean readings over 0.1 degC in the next cycle, at temperatures (n,) or (), degC.
 
         After one record, the next cycle is a repetition without a pause, during which the bias continues to drift with B and K. After

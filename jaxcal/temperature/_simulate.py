@@ -5,7 +5,7 @@ import numpy as np
 
 from .._errors import DataError
 from .._precision import host_float64
-from .._types import AnyArray, Real, Reals
+from .._types import AnyArray, Numbers
 from ._curves import sigmoid
 from ._hysteresis import felt
 
@@ -38,7 +38,7 @@ class Simulated(eqx.Module):
     truth: AnyArray
 
 
-def reference_bias(temperature: Real | Reals, jump: float = np.deg2rad(0.3)) -> AnyArray:
+def reference_bias(temperature: Numbers, jump: float = np.deg2rad(0.3)) -> AnyArray:
     r"""Compute the true bias of `simulate`, rad/s: a cubic between 20 and 45 degC, and a jump at 24.5 degC.
 
     .. math:: b = 0.05 + 0.12 x - 0.06 x^2 + 0.04 x^3 + J/(1 + e^{-(T - 24.5)/0.08})\ \text{deg/s},\quad x = (T - 32.5)/12.5
