@@ -116,5 +116,5 @@ def test_what_cannot_be_corrected_is_refused():
         model.correct(np.zeros(3), np.full(3, 30.0), time=np.array([0.0, 2.0, 1.0]))
     with pytest.raises(DataError, match="1 temperatures are not finite"):
         model.correct(np.zeros(3), np.array([30.0, np.nan, 31.0]), rate=1.0)
-    with pytest.raises(DataError, match="expected both"):
+    with pytest.raises(DataError, match="one temperature per reading"):
         model.correct(np.zeros(0), np.zeros(0), rate=1.0)
