@@ -198,15 +198,6 @@ def test_a_gauss_markov_process_is_told_and_fitted_where_asked():
     assert fit.numbers["markov_time"].value == correlation
 
 
-def test_gaps_leave_the_coefficients_within_their_intervals(record):
-    y = record.copy()
-    y[40_000:45_000] = np.nan
-    y[90_000] = np.nan
-    fit = jaxcal.noise.fit(y, RATE)
-    for term in "NBK":
-        assert departs(fit, term, getattr(CASE_A, term)) < 4
-
-
 def test_a_log_that_carries_temperature_is_tested_for_it(record):
     n = len(record)
     temperature = 25 + 5 * np.sin(2 * np.pi * np.arange(n) / n) + 3 * np.arange(n) / n
