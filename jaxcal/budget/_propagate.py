@@ -231,6 +231,6 @@ def increments(
             found.append(combined(known, unit_errors(known, motion, float(begin), float(begin + size), 1 / (rate or known.rate), **where)))
         covariances.append(np.stack([one[0] for one in found]))
         means.append({cause: np.mean([one[1][cause] for one in found], axis=0) for cause in found[0][1]})
-    parts = {cause: np.stack([one[cause] for one in means]) for cause in means[0]}
-    unknown = dict.fromkeys(GROUPS, np.full(len(window), np.nan))
+    parts: Any = {cause: np.stack([one[cause] for one in means]) for cause in means[0]}
+    unknown: Any = dict.fromkeys(GROUPS, np.full(len(window), np.nan))
     return Budget(window, np.stack(covariances), parts, unknown, tuple(range(len(window))), motion.name, False, tuple(known.findings))

@@ -61,7 +61,7 @@ def sensors_of(source: Any, errors: Mapping[str, Any] | None, aided: bool = Fals
         given |= {f"{sensor}.drift": np.sqrt(squares) for name, _, squares in each if name == "R"}  # a line has a slope, and no law
         if (fitted := getattr(held, "covariance", None)) is not None:
             spread.append(([f"{sensor} {name.removesuffix('^2')}" for name in fitted.parameters], np.nan_to_num(fitted.values)))
-    parts = {} if known is None or known.imu is None else dict(known.imu.parts)
+    parts: dict[str, Any] = {} if known is None or known.imu is None else dict(known.imu.parts)
     if known is not None and known.magnetometer is not None and known.magnetometer.unit == "T":
         parts["mag"] = known.magnetometer
     found: list[tuple[str, Any]] = []

@@ -8,7 +8,7 @@ from cyclopts import Parameter
 
 import jaxcal
 
-from .._answer import tables, things_to_know
+from .._answer import NOTE, tables, things_to_know
 from .._units import si_unit
 from ..export._formats import FORMATS
 from . import _options as opt
@@ -71,7 +71,9 @@ def budget(
             found.save(places[json], log)
         if report:
             jaxcal.report.write(found, places[report], log=log, device=source.name, reader="terminal")
-    told = [*(() if log is None else log.findings), *found.findings]
+    # how the log was read asks for no action: it stands in the report
+    read = [one for one in (() if log is None else log.findings) if running.verbose or one.severity > NOTE]
+    told = [*read, *found.findings]
     how: dict[str, Any] = {"reader": "terminal", "wanted": running.unit, "verbose": running.verbose}
     screen.lines(tables(found.verdict, found.headline, found.sections(), told, **how))
     screen.lines(things_to_know(told, more="-v", **how))
@@ -82,7 +84,7 @@ def sheet(
     text: Annotated[str, Parameter(help='Such as "gyro: ARW 0.3 deg/sqrt(h), BI 2 deg/h; accel: 60 ug/sqrt(Hz), 40 ug".')],
     /,
     *,
-    to: Annotated[_FILTERS | None, Parameter(help="The filter, in whose form the noise is written.")] = None,
+    to: Annotated[_FILTERS | None, Parameter(help="The filter, in whose form the noise is written.")] = None,  # type: ignore
     rate: float = 200.0,
     out: Annotated[Path | None, Parameter(help="File to write with --to; by default one with the usual name, here.")] = None,
     calibration: opt.CalibrationFile = None,

@@ -18,7 +18,8 @@ def lead(found: Budget) -> str:
 def figures(found: Budget, _: Any) -> tuple[list[Any], list[Any]]:
     """A chart of each error with its largest causes."""
     drawn = []
-    for group, _, curves in found.sections()[-len(found.groups) :]:
+    sections: list[Any] = found.sections()
+    for group, _, curves in sections[-len(found.groups) :]:
         _, quantity, label = GROUPS[group]
         names = ["all", *(cause for cause, _ in found.largest(group, found.time[-1]))]
         lines = [Curve(name, "line", found.time, curves[name][1], color=i, label=name) for i, name in enumerate(names)]
