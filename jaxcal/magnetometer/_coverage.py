@@ -116,12 +116,11 @@ def coverage(m: Any) -> Coverage:
     ----------
     P. Stoffregen, MotionCal (quality.c), with corrected positions of the southern sectors.
     """
-    return covered(m)
+    return covered(real_numbers(m, "m"))
 
 
-def covered(m: Any) -> Coverage:
+def covered(m: np.ndarray) -> Coverage:
     """`coverage` for NumPy arrays on the host."""
-    m = real_numbers(m, "m")
     if m.ndim != 2 or m.shape[-1] != 3 or not len(m):
         raise DataError(f"The corrected readings have shape {m.shape}; they must be (n, 3) with at least one row.")
     norm = np.linalg.norm(m, axis=1)

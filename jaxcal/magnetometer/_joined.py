@@ -1,5 +1,6 @@
 """Fit of the magnitudes together with the sensor of an aid, and with the fields of currents."""
 
+import dataclasses
 from typing import Any
 
 import equinox as eqx
@@ -8,7 +9,6 @@ import scipy  # loads its parts when they are first used
 
 from .._answer import CAUTION, FATAL, NOTE, Quantity
 from .._errors import DataError
-from .._frozen import replaced
 from ..fitting._serial import BLOCKS
 from ._aided import Attitudes, Known, Solution, attitudes_in_segments, averaged, north_of, poses, solved
 from ._aids import NAMES, Accelerometer, Alignment, Attitude, Gyroscope, Headings, Plane, vector_from
@@ -66,7 +66,7 @@ def joined(first: MagFit, asked: Asked, rows: np.ndarray) -> MagFit:
     about = [*faults, *([FINDINGS("unseen_axes")] if axes is None else [])]
     if found is None or not np.isfinite(found.covariance).all():
         about += [] if found is None else [FINDINGS("not_converged", what="the soft iron beside the other sensor")]
-        return replaced(first, findings=(*(one for one in first.findings if one.code not in _OF_AXES), *about))
+        return dataclasses.replace(first, findings=(*(one for one in first.findings if one.code not in _OF_AXES), *about))
 
     whole = found.matrix * frame.scale
     field = float(np.cbrt(np.linalg.det(whole))) if norm is None else float(norm)

@@ -144,19 +144,26 @@ def judged(
     size : of the field in the unit of the readings. corrected : all readings. parts : whether the covariance is that of fits without parts
     of the log. weakest : what is least certain, in words. usual : medians of the conditions of a model object. told : fields of the fit.
     """
-    if asked.traced:
-        return made(MagFit, findings=tuple(said), **told)
-    distance, scatter, level, limits = told["residual"] / size, float(told["noise"] / size), float(told["heading_error"][0]), asked.limits
+    if not asked.traced:
+        said = [*said, *_verdict(told, size, parts, weakest, asked.limits, [one.code for one in said])]
+        told |= {"coverage": covered(corrected), "_about": about | ({} if usual is None else {"usual": usual})}
+    return made(MagFit, findings=tuple(said), **told)
+
+
+def _verdict(
+    told: dict[str, Any], size: Any, parts: bool, weakest: str, limits: tuple[float, float], codes: Sequence[str]
+) -> list[Finding]:  # fmt: skip
+    """Findings about the residuals, and about the heading error if that is above a limit; `codes` of those known."""
+    distance, scatter, level = told["residual"] / size, float(told["noise"] / size), float(told["heading_error"][0])
     far, total = len(outliers(distance)), len(distance)
-    said = [*said, *FINDINGS.over("scatter", scatter, share=100 * scatter)]
     # two outliers are no matter
+    said = FINDINGS.over("scatter", scatter, share=100 * scatter)
     said += FINDINGS.over("outliers", far / total if far > 2 else 0.0, count=far, total=total)
     said += [FINDINGS("correlated", size=100 * scatter)] if parts else []
-    if not level <= limits[0] and not any(one.code in _OPEN for one in said):
+    if not level <= limits[0] and not any(code in _OPEN for code in codes):
         grave, matrix = not level <= limits[1], np.asarray(told["estimate"].matrix)
         wanted = needed(told["model"], float(told["field"]), told["kind"], matrix)
         way = "(" + ", ".join(f"{x:+.1f}" for x in wanted[0]) + ") of the sensor" if len(wanted) else "directions not yet seen"
         limit = Quantity(limits[1] if grave else limits[0], "angle")
         said.append(FINDINGS("heading", severity=FATAL if grave else CAUTION, cost=level, limit=limit, what=weakest, direction=way))
-    about |= {} if usual is None else {"usual": usual}
-    return made(MagFit, findings=tuple(said), coverage=covered(corrected), _about=about, **told)
+    return said

@@ -12,13 +12,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._compile import filter_jit
 from ..fitting._descent import descend, implicit, repeated
+from ..fitting._problem import vector_of
 from ..fitting._serial import is_white, leave_out
+from ._model import MagModel
 
 CURVED = 0.02  # noise over radius above which the curvature term matters
 #: most rounds, and steps to a foot, which takes three near the surface; change of the noise, or of the free parameters, that ends rounds
 ROUNDS, SETTLED = 20, 1e-8
 SOFT = 0.4  # spread of the entries of a soft iron about a multiple of the identity: the paper's sensor, the strongest known, has 0.3
+_ROWS = 512  # of a block: readings and directions of any number share one program
 
 
 class Near(NamedTuple):
@@ -166,6 +170,36 @@ def nearest(push: Any, z: Any, near: Any = None) -> Near:
     shape = back @ inverse
     distance, y, normal, t = _at_foot(shape, z, 0.0 * z[:, 0] if near is None else near)
     return Near(distance, normal, times(y, back), curvature(shape, z), t)
+
+
+@filter_jit
+def _looked(model: MagModel, leaves: Any, m: Any, h: Any, field: Any, conditions: Any) -> tuple[Any, ...]:
+    """Corrected readings, h again from what it measures, readings of the unit fields h, and their derivatives by h and the leaves."""
+    put = vector_of(model)[1]
+    measured, push = jax.linearize(lambda leaves, h: put(leaves).measure(field * h, **conditions), leaves, h)
+    by_field = jnp.stack([push(jnp.zeros_like(leaves), jnp.broadcast_to(axis, h.shape)) for axis in jnp.eye(3, dtype=h.dtype)], axis=-1)
+    slopes = jax.vmap(lambda leaves: push(leaves, jnp.zeros_like(h)), out_axes=-1)(jnp.eye(leaves.size, dtype=leaves.dtype))
+    twice = jax.tree.map(lambda values: jnp.concatenate([values, values]), conditions)
+    y, again = jnp.split(jnp.asarray(put(leaves).correct(jnp.concatenate([m, measured]), **twice)), 2)
+    return y, again / field, measured, by_field, slopes
+
+
+def looked(model: MagModel, leaves: Any, m: Any, h: Any, field: Any, conditions: Any) -> tuple[Any, ...]:
+    """`_looked`, on the host in blocks of one length."""
+    if isinstance(h, jax.Array):
+        return _looked(model, leaves, m, h, field, conditions)
+    blocks = []
+    for first in range(0, len(h), _ROWS):
+        rows = np.minimum(np.arange(first, first + _ROWS), len(h) - 1)
+        there = {name: values[rows] for name, values in conditions.items()}
+        blocks.append([np.asarray(part) for part in _looked(model, leaves, m[rows], h[rows], np.float64(field), there)])
+    return tuple(np.concatenate(parts)[: len(h)] for parts in zip(*blocks, strict=True))
+
+
+def leaves_of(model: MagModel) -> Any:
+    """The leaves as one vector: soft iron by rows, hard iron, and further ones."""
+    leaves = [leaf.ravel() for leaf in jax.tree.leaves(model)]
+    return (np if all(isinstance(leaf, np.ndarray) for leaf in leaves) else jnp).concatenate(leaves)
 
 
 class Weights(NamedTuple):

@@ -9,35 +9,9 @@ import numpy as np
 from .._compile import filter_jit
 from .._precision import host_float64
 from .._types import Array
-from ..fitting._problem import names_of, vector_of
+from ..fitting._problem import names_of
 from ._model import MagModel
-from ._orthogonal import distance_to, inverse_of, times
-
-_ROWS = 512  # of a block: readings and directions of any number share one program
-
-
-@filter_jit
-def _looked(model: MagModel, leaves: Any, m: Any, h: Any, field: Any, conditions: Any) -> tuple[Any, ...]:
-    """Corrected readings, h again from what it measures, readings of the unit fields h, and their derivatives by h and the leaves."""
-    put = vector_of(model)[1]
-    measured, push = jax.linearize(lambda leaves, h: put(leaves).measure(field * h, **conditions), leaves, h)
-    by_field = jnp.stack([push(jnp.zeros_like(leaves), jnp.broadcast_to(axis, h.shape)) for axis in jnp.eye(3, dtype=h.dtype)], axis=-1)
-    slopes = jax.vmap(lambda leaves: push(leaves, jnp.zeros_like(h)), out_axes=-1)(jnp.eye(leaves.size, dtype=leaves.dtype))
-    twice = jax.tree.map(lambda values: jnp.concatenate([values, values]), conditions)
-    y, again = jnp.split(jnp.asarray(put(leaves).correct(jnp.concatenate([m, measured]), **twice)), 2)
-    return y, again / field, measured, by_field, slopes
-
-
-def looked(model: MagModel, leaves: Any, m: Any, h: Any, field: Any, conditions: Any) -> tuple[Any, ...]:
-    """`_looked`, on the host in blocks of one length."""
-    if isinstance(h, jax.Array):
-        return _looked(model, leaves, m, h, field, conditions)
-    blocks = []
-    for first in range(0, len(h), _ROWS):
-        rows = np.minimum(np.arange(first, first + _ROWS), len(h) - 1)
-        there = {name: values[rows] for name, values in conditions.items()}
-        blocks.append([np.asarray(part) for part in _looked(model, leaves, m[rows], h[rows], np.float64(field), there)])
-    return tuple(np.concatenate(parts)[: len(h)] for parts in zip(*blocks, strict=True))
+from ._orthogonal import distance_to, inverse_of, leaves_of, looked, times
 
 
 @host_float64
@@ -52,12 +26,6 @@ def changes_of(model: MagModel, field: Any, usual: dict[str, Any], across: Any, 
     _, _, _, push, slopes = looked(model, leaves_of(model), directions, directions, field, there)
     change = -xp.einsum("ni,nij,njp->np", across, inverse_of(push), slopes)
     return xp.concatenate([change[:, 9:12], change[:, :9], 0.0 * change[:, :1], change[:, 12:]], axis=1)
-
-
-def leaves_of(model: MagModel) -> Any:
-    """The leaves as one vector: soft iron by rows, hard iron, and further ones."""
-    leaves = [leaf.ravel() for leaf in jax.tree.leaves(model)]
-    return (np if all(isinstance(leaf, np.ndarray) for leaf in leaves) else jnp).concatenate(leaves)
 
 
 def further_names(model: MagModel) -> list[str]:

@@ -25,8 +25,8 @@ from ._checked import Asked
 from ._coverage import bins
 from ._findings import FINDINGS
 from ._model import MagModel
-from ._orthogonal import Found, Near, by_parts, maximised, nearest, of_method, times
-from ._own_model import further_names, leaves_of, looked
+from ._orthogonal import Found, Near, by_parts, leaves_of, looked, maximised, nearest, of_method, times
+from ._own_model import further_names
 from ._quadric import COUNT, EXACT, NEAR_PLANAR, SYMMETRIC, UPPER, Chosen, Frame, NotEllipsoid, basis_of, unit
 
 #: constant of Tukey's biweight, 95 % efficient with normal noise; standard deviations where its tail begins, how surely it is too heavy,
@@ -75,7 +75,8 @@ def surface_of(asked: Asked) -> Surface:
     """The surface through the readings, the finding why there is none, or their plane."""
     if asked.traced:
         return _in_trace(asked.model, asked.m, asked.norm, asked.conditions)
-    m, own = asked.m[asked.there], isinstance(asked.model, MagModel)
+    own = isinstance(asked.model, MagModel)
+    m = asked.m[asked.there]
     picked = Chosen(np.arange(len(m)), m, None, 0) if own else quadric.chosen(m)
     clipped = (FINDINGS("clipped", count=picked.full),) if picked.full else ()
     try:

@@ -189,10 +189,10 @@ def test_six_faces_cannot_show_soft_iron():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("count", [12, 40])
+@pytest.mark.parametrize("count", [12, 20, 40])
 def test_the_error_and_the_verdict_of_few_readings_are_true(count):
     """With three degrees of freedom the noise may be estimated far too small: a good one must allow for that."""
-    off, stated, good = [], [], []
+    off, stated, good, limit = [], [], [], []
     for seed in range(80):
         for sigma in (0.1, 0.3, 1.0):
             attitudes = scenario("twelve_points") if count == 12 else scenario("all", samples=count, seed=seed)
@@ -200,10 +200,11 @@ def test_the_error_and_the_verdict_of_few_readings_are_true(count):
             found = fit(m, model="symmetric", inclination=cases.DIP)
             off.append(cases.rms(cases.heading_errors(found.model, steep=True)))
             stated.append(np.rad2deg(found.heading_error[0]))
+            limit.append(np.rad2deg(found.heading_limit))
             good.append(found.verdict == "good")
     off, stated, good = np.array(off), np.array(stated), np.array(good)
     assert 0.8 < cases.rms(np.minimum(off / stated, 4.0)) < 1.6
-    assert np.mean(off < 2.1 * stated) > 0.9
+    assert np.mean(off < limit) > 0.92  # 80 independent runs: a standard error of 2.4 %
     assert np.mean(off[good] > 1.0) < 0.1 or not good.any()
     assert not np.any(off[good] > 3.0)
 
