@@ -184,7 +184,7 @@ def on_mirrored(_):
             )  # fmt: skip
             for name, found in zip(good, tried, strict=True):
                 good[name] += found.verdict == "good"
-            named += any(one.code == "mirrored" and one.facts["what"] == f"axis {'xyz'[axis]} is reversed" for one in known.findings)
+            named += any(one.code == "mirrored" and one.facts["what"] == f"{'xyz'[axis]} is reversed" for one in known.findings)
     print(f"\none mirrored axis, 60 logs: called good {good}; named where the sign of the dip is known: {named} of 60")
     print("| log | aid | as recorded | one axis mirrored | named with the dip known |\n|---|---|---|---|---|")
     wrong = 0
