@@ -147,7 +147,7 @@ def _by_odds(table: Any, columns: Columns, found: Selection, triples: list[Tripl
                 found.findings.append(READ("roles", which=f"{sensor} is {', '.join(table.names[i] for i in first.columns)}"))
         for i, axis in zip(first.columns, AXES, strict=True):
             found.names[i] = found.names[i] or Name(sensor, axis, first.units.get(sensor))
-        others = [one for one in others if one.odds[sensor] > first.odds[sensor] - 3.0 and not one.increments]
+        others = [one for one in others if one.odds[sensor] > first.odds[sensor] - ODDS["several"] and not one.increments]
         if others:
             shown = [",".join(table.names[i] for i in one.columns) for one in others[:4]]
             names = ",".join(table.names[i] for i in first.columns)

@@ -16,9 +16,9 @@ _DEVICE = re.compile(r".*(?:device|sensor|node|mac|address|board|imu)(?:id|name|
 _PERHAPS = re.compile(
     r"id|type|source|name|tag|place|location|position|side|foot|limb|hand|leg|unit|channel|port|.*(?:subject|user|person)(?:id)?"
 )
-_MOST = 64
+KINDS = 64
 #: share of the rows at which the value changes; above it devices alternate, while a label of an activity changes seldom
-_TURNS = 0.2
+TURNS = 0.2
 
 
 def refuse_mixed(table, columns: dict[str, list[int]]) -> None:
@@ -40,7 +40,7 @@ def refuse_mixed(table, columns: dict[str, list[int]]) -> None:
             continue
         kinds = int(code.max()) + 1
         turns = np.diff(code) != 0
-        if not 2 <= kinds <= _MOST or np.mean(turns) < _TURNS:
+        if not 2 <= kinds <= KINDS or np.mean(turns) < TURNS:
             continue
         smooth = _smoother(table, chosen, code)
         # an id may also be a counter that starts again, so the values must confirm it
@@ -80,11 +80,11 @@ def _codes(values: np.ndarray) -> np.ndarray | None:
     if values.dtype.kind == "O":
         known: dict[str, int] = {}
         code = np.array([known.setdefault(str(value), len(known)) for value in values.tolist()])
-        return code if len(known) <= _MOST else None
+        return code if len(known) <= KINDS else None
     if values.dtype.kind == "f" and not np.array_equal(values, np.round(values)):
         return None
     seen, code = np.unique(values, return_inverse=True)
-    return code if len(seen) <= _MOST else None
+    return code if len(seen) <= KINDS else None
 
 
 def _smoother(table, chosen: list[int], code: np.ndarray) -> float:

@@ -15,7 +15,7 @@ from .._units import find_unit
 
 AXES = "xyz"
 #: longest name that is parsed
-_LONGEST = 120
+LONGEST = 120
 #: kinds that are not read as a sensor; "linear" is acceleration without gravity
 OTHERS = ("linear", "gravity", "attitude", "motion", "counter", "d gyro", "d accel")
 
@@ -186,17 +186,17 @@ def _cut(name: str) -> list[list[str]]:
 
 def words_of(name: str) -> list[str]:
     """Words of a name in lower case, without brackets, also cut at capital letters."""
-    return _cut(name[:_LONGEST])[0]
+    return _cut(name[:LONGEST])[0]
 
 
 def plain(name: str) -> str:
     """A name reduced to letters and digits, without brackets."""
-    return "".join(_cut(name[:_LONGEST])[1])
+    return "".join(_cut(name[:LONGEST])[1])
 
 
 def is_counter(name: str) -> bool:
     """Whether a name denotes a row or packet counter, which is not a time; an empty name counts as a counter."""
-    words = [word for word in _cut(name[:_LONGEST])[0] if not word.isdigit() and word not in ("imu", "data")]
+    words = [word for word in _cut(name[:LONGEST])[0] if not word.isdigit() and word not in ("imu", "data")]
     if not words and any(letter.isalpha() and not letter.isascii() for letter in name):
         return False  # an unknown word in another script
     return bool(_COUNTER.fullmatch("".join(words)))
@@ -215,7 +215,7 @@ _QUATERNION = _words("qw qx qy qz q0 q1 q2 q3 rx ry rz vx vy vz px py pz ve vn v
 
 def is_other(name: str) -> bool:
     """Whether a word of a name denotes an attitude, a motion, a place or so, which may rise for a while as time does."""
-    words = {word for words in _cut(name[:_LONGEST]) for word in words if len(word) > 1}
+    words = {word for words in _cut(name[:LONGEST]) for word in words if len(word) > 1}
     found = parse(name)
     if (found is not None and found.kind in ("attitude", "motion", "gravity")) or re.match("b_?[wag]_", name.lower()):
         return True
@@ -225,7 +225,7 @@ def is_other(name: str) -> bool:
 @functools.lru_cache(4096)
 def parse(name: str) -> Name | None:
     """Meaning of a name, or None."""
-    if len(name) > _LONGEST:
+    if len(name) > LONGEST:
         return None
     inside = bracketed(name)
     for words in _cut(name):

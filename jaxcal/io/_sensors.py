@@ -9,6 +9,7 @@ from .._errors import DataError
 from .._message import Message, joined_messages
 from ._columns import SENSORS
 from ._findings import READ
+from ._mixed import KINDS, TURNS
 from ._readers._streams import Part, join
 from ._table import Signals, Table
 from ._triples import file_kind
@@ -17,11 +18,11 @@ from ._triples import file_kind
 def by_sensor(table: Table) -> dict[str, Table]:
     """One table for each sensor that a column of words names in turn, as apps write; none if no column does."""
     for i, column in enumerate(table.columns):
-        if column.dtype.kind != "O" or len(words := dict.fromkeys(column.tolist())) > 64 or None in words:
+        if column.dtype.kind != "O" or len(words := dict.fromkeys(column.tolist())) > KINDS or None in words:
             continue
         kinds, turns = [file_kind(str(word)) for word in words], float(np.mean(column[1:] != column[:-1])) if len(column) > 1 else 0.0
         # the words of an activity may be like those of a sensor, but do not take turns
-        if len(words) < 2 or not set(kinds) & set(SENSORS) or (None in kinds and turns < 0.2):
+        if len(words) < 2 or not set(kinds) & set(SENSORS) or (None in kinds and turns < TURNS):
             continue
         found = {}
         for word in words:

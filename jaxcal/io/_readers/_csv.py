@@ -28,6 +28,7 @@ from ._text import HEAD, MISSING, MONTHS, STAMPS, Layout, Text, open_text, sniff
 
 #: largest share of damaged rows; a table with more is refused
 _TOLERATED = 0.01
+_DESCRIBES = 0.05  # share of the rows of the longest sheet below which a sheet describes the recording
 
 
 def read_csv(path: pathlib.Path) -> Table:
@@ -70,8 +71,8 @@ def read_workbook(path: pathlib.Path, topics: list[str] | None) -> dict[str, Tab
             faults.append(Message("{name}: {error}", name=name, error=error))
     if topics and (unknown := [name for name in topics if name not in found]):
         raise wrong("topics", f"no sheet {', '.join(unknown)} with a table of numbers among {', '.join(about['names'])}")
-    most = max((len(table.columns[0]) for table in found.values()), default=0)  # a sheet of a few rows describes the recording
-    found = {name: table for name, table in found.items() if (name in topics if topics else 20 * len(table.columns[0]) > most)}
+    most = max((len(table.columns[0]) for table in found.values()), default=0)
+    found = {name: table for name, table in found.items() if (name in topics if topics else len(table.columns[0]) > _DESCRIBES * most)}
     kinds = [file_kind(name) for name in found]
     if len(found) > 1 and (None in kinds or len(set(kinds)) < len(kinds)):
         said = "the workbook holds {count} sheets with numbers: name one, as in {option.topics:{first}}: {names}"

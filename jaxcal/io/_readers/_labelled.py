@@ -12,7 +12,7 @@ from collections.abc import Callable
 from ..._errors import DataError
 from .._names import AXES
 
-_LOOK, _SHARE = 60, 0.8
+LOOK, SHARE = 60, 0.8
 #: a label with its number; a time at the beginning of a line, in brackets or with the arrow of a serial monitor
 _PAIR = re.compile(r"[A-Za-z\]\)][\"']?\s*[:=]\s*[-+]?\.?\d")
 _TIME = re.compile(r"\s*\[?((?:\d{4}-\d\d-\d\d[ T])?\d\d:\d\d:\d\d[.,]\d+)\]?\s*(->)?\s*")
@@ -31,7 +31,7 @@ _NUMBER = re.compile(r"(?<![\w.^])[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?(
 
 def relabelled(text: str) -> Callable[[str], str] | None:
     """Return a function that converts such text to a table; None for text of another form."""
-    lines = [line for line in text.split("\n", _LOOK + 1)[: _LOOK + 1] if line.strip()][:_LOOK]
+    lines = [line for line in text.split("\n", LOOK + 1)[: LOOK + 1] if line.strip()][:LOOK]
     lines = [re.sub(r"\s{3,}", "  ", line) for line in lines]  # runs of blanks would take long
     if sum(line.strip() == "---" for line in text.split("\n", 2000)[:2000]) > 1 and _MESSAGE.search(text[:20_000]):
         return _echoed
@@ -39,11 +39,11 @@ def relabelled(text: str) -> Callable[[str], str] | None:
         return lambda text: "\n".join([*header, *(_LIST.sub(_spread, line) for line in text.split("\n")[bool(header) :])])
     arrows = sum(bool((match := _TIME.match(line)) and match[2]) for line in lines)
     pairs = sum(len(_PAIR.findall(_ESP.sub("", _TIME.sub("", line, 1), 1))) > 1 for line in lines)
-    if len(lines) < 5 or max(arrows, pairs) < _SHARE * len(lines):
+    if len(lines) < 5 or max(arrows, pairs) < SHARE * len(lines):
         return None
     forms = collections.Counter(_taken_apart(line)[0] for line in lines)
     form, count = forms.most_common(1)[0]
-    if count < _SHARE * len(lines) or len(form) < 2:
+    if count < SHARE * len(lines) or len(form) < 2:
         return None
     names = _names(form)
     if form[0] == "\0" and any(map(_ESP.match, lines)):
@@ -87,7 +87,7 @@ def _echoed(text: str) -> str:
 def _listed(lines: list[str]) -> list[str] | None:
     """The header for lines with lists of numbers in brackets, such as ``0.1,"[1.0, 2.0, 3.0]"``, or none; None for other lines."""
     lists = [[len(one.split(",")) for one in _LIST.findall(line)] for line in lines]
-    if len(lines) < 5 or max(lists[1], default=0) < 2 or sum(one == lists[1] for one in lists) < _SHARE * len(lines):
+    if len(lines) < 5 or max(lists[1], default=0) < 2 or sum(one == lists[1] for one in lists) < SHARE * len(lines):
         return None
     names = [field.strip().strip('"') for field in lines[0].split(",")]
     fields = _LIST.sub("\0", lines[1]).split(",")
@@ -105,7 +105,7 @@ def _spread(match: re.Match[str]) -> str:
 def refuse_kinds(lines: list[str]) -> None:
     """Refuse lines that are not one sample each: printed arrays, and lines of several kinds in turn with a word before the numbers."""
     lines = [line for line in lines if line.strip()]
-    if len(lines) > 4 and "[[" in lines[0] and sum(line.strip()[0] == "[" for line in lines) > _SHARE * len(lines):
+    if len(lines) > 4 and "[[" in lines[0] and sum(line.strip()[0] == "[" for line in lines) > SHARE * len(lines):
         raise DataError("the lines stand in brackets, as print() writes an array: save it with numpy.savetxt or as .npy", code="printed")
     found = [(match[1], line) for line in lines if (match := _WORD.match(line)) and re.search("[A-Za-z]", match[1])]
     kinds = collections.Counter(kind for kind, _ in found)

@@ -4,7 +4,8 @@ import itertools
 import re
 from collections.abc import Callable
 
-from .._names import parse_name
+from .._names import LONGEST, parse_name
+from ._labelled import LOOK, SHARE
 
 #: names of the fields of messages that hold their readings in a fixed order
 _IMU = "MagX [G],MagY [G],MagZ [G],AccX [m/s^2],AccY [m/s^2],AccZ [m/s^2],GyrX [rad/s],GyrY [rad/s],GyrZ [rad/s]"
@@ -18,13 +19,13 @@ def of_program(text: str) -> Callable[[str], str] | None:
         return _dataflash
     if text.startswith("LabVIEW Measurement"):
         return _labview
-    lines = [line for line in text.split("\n", 60)[:60] if line.strip()]
-    sentence = next((one for one in _SENTENCES if sum(line.startswith(one) for line in lines) > 0.8 * len(lines)), "")
+    lines = [line for line in text.split("\n", LOOK)[:LOOK] if line.strip()]
+    sentence = next((one for one in _SENTENCES if sum(line.startswith(one) for line in lines) > SHARE * len(lines)), "")
     if sentence:
         kept = re.compile(rf"{re.escape(sentence)},(.*)\*[0-9A-Fa-f]+")
         return lambda text: "\n".join([_SENTENCES[sentence], *(match[1] for line in text.split("\n") if (match := kept.match(line)))])
     # a long line of blanks would take long
-    labels = [match[1] if len(line) < 200 and (match := _LABEL.fullmatch(line)) else "" for line in lines]
+    labels = [match[1] if len(line) < LONGEST and (match := _LABEL.fullmatch(line)) else "" for line in lines]
     turn = list(dict.fromkeys(labels))
     if (
         2 < len(turn) < 20
@@ -67,7 +68,7 @@ def _in_turn(text: str, turn: list[str]) -> str:
     row: dict[str, str] = {}
     out = [",".join(turn)]
     for line in text.split("\n"):
-        if len(line) < 200 and (match := _LABEL.fullmatch(line)):
+        if len(line) < LONGEST and (match := _LABEL.fullmatch(line)):
             row[match[1]] = match[2]
             if match[1] == turn[-1]:
                 out += [",".join(row[one] for one in turn)] * (len(row) == len(turn))
