@@ -79,8 +79,8 @@ def _set_time(table: Table, time: int | None, unit: str | None, signals: Signals
         own = "mjd" if "mjd" in table.names[time].lower() else name.unit if name is not None and name.kind == "time" else None
         clock = reading_of(table, [time], unit or own, signals.rate or (stated and stated[0]), Selection({}, {}, [], set()), "clock")
         signals.time, signals.epoch_ns, why = clock.time, clock.epoch_ns, f" ({clock.reason})" * bool(clock.reason)
-        facts = {"where": label_of(table, [time]), "unit": clock.unit, "columns": str(time), "other": clock.other, "quantity": "time"}
-        signals.findings.append(READ("read_as" if clock.sure else "assumed", "time", **facts, why=why))
+        facts: dict[str, Any] = {"where": label_of(table, [time]), "unit": clock.unit, "columns": str(time), "other": clock.other}
+        signals.findings.append(READ("read_as" if clock.sure else "assumed", "time", **facts, quantity="time", why=why))
     elif signals.rate is None and stated is not None:
         signals.rate = stated[0]
         signals.findings.append(READ("rate_stated", rate=stated[0], source=stated[1]))
