@@ -16,8 +16,8 @@ from ._model import NAMES
 TAPS = np.arange(-3, 5)
 #: s: length of a window, and largest delay
 WINDOW, REACH = 0.2, 0.05
-#: m/s^2 and rad/s: at rest, readings scatter by less, and the mean rate is below the second number; how much more than inside the rest a
-#: window at its edge may scatter; number of windows by which a rest may grow at each edge
+#: m/s^2 and rad/s: at rest, readings scatter by less, and the mean rate is within the second number of the bias; how much more than inside
+#: the rest a window at its edge may scatter; number of windows by which a rest may grow at each edge
 _STILL_FORCE, _STILL_RATE, _CALM, _EDGE = 0.35, 0.06, 1.1, 4
 GYRO_DELAY, MAG_DELAY, ACCEL_POLE, GYRO_POLE = (NAMES.index(name) for name in ("gyro_delay", "mag_delay", "accel_pole", "gyro_pole"))
 
@@ -177,10 +177,12 @@ class Record:
         found = Variances({"accel": self.accel, "gyro": self.gyro}, 1 / self.grid.step, levels=levels)
         width = np.ones(2 * found.half + 1)
         rate = np.stack([np.convolve(x, width / len(width), mode="same") for x in self.gyro.T], axis=1)
-        calm = found.still((1.0, 1.0)) & (np.linalg.norm(rate, axis=1) < _STILL_RATE)
+        quiet = found.still((1.0, 1.0))
+        bias = np.median(rate[quiet], axis=0) if quiet.any() else np.zeros(3)
+        calm = quiet & (np.linalg.norm(rate - bias, axis=1) < _STILL_RATE)
         still = np.asarray(np.all(calm[self.grid.inner], axis=1))
         # the scatter is computed over a second, which must fit into the rest: extend the rest while single windows are as calm as inside
-        force, turns = self.accel[self.grid.inner], self.gyro[self.grid.inner]
+        force, turns = self.accel[self.grid.inner], self.gyro[self.grid.inner] - bias
         own = np.array([np.ptp(force, axis=1).max(axis=1), np.linalg.norm(turns.mean(axis=1), axis=1), np.ptp(turns, axis=1).max(axis=1)])
         for first, stop in zip(*runs(still), strict=True):
             calm = np.all(own <= _CALM * own[:, first:stop].max(axis=1, keepdims=True), axis=0)
