@@ -42,7 +42,7 @@ class Missing(eqx.Module):
     @property
     def shown(self) -> bool:
         """Whether the residuals show the term."""
-        return self.better and self.log_level < np.log(LEVEL)
+        return bool(self.better and self.log_level < np.log(LEVEL))
 
     @property
     def shift(self) -> np.ndarray:

@@ -108,10 +108,7 @@ def test_the_elements_of_the_accelerometer_feel_the_rotation_at_their_places():
 def test_what_the_model_does_not_hold_changes_the_magnetometer_alone():
     plain, device, true = simulate(30.0, seed=4)
     field = float(device.field)
-    for options, least, most in (
-        ({"gradient": 0.2}, 0.01, 0.5),
-        ({"iron": (10.0, 15.0, 0.3)}, 0.2, 0.4),
-    ):
+    for options, least, most in (({"gradient": 0.2}, 0.01, 0.5), ({"iron": (10.0, 15.0, 0.3)}, 0.2, 0.4)):
         log, _, moved = simulate(30.0, seed=4, **options)
         assert np.array_equal(log.accel, plain.accel)
         assert np.array_equal(log.gyro, plain.gyro)

@@ -26,8 +26,7 @@ def base():
 @pytest.mark.long
 def test_a_linear_sensor_is_good_and_in_its_intervals(base):
     assert all(found.verdict == "good" for found, _ in base)
-    free = np.array(base[0][0].estimate.error) > 0
-    inside = [cases.inside(f, truth)[free] for f, truth in base]
+    inside = [cases.inside(f, truth)[f.estimate.error > 0] for f, truth in base]
     # 4 runs of 30 parameters in correlated groups: the coverage has a standard error of about 3 %
     assert np.mean(inside) > 0.88
 
@@ -36,17 +35,12 @@ def test_a_linear_sensor_is_good_and_in_its_intervals(base):
 @pytest.mark.parametrize(
     ("case", "code", "words"),
     [
-        ("quadratic", "lack_accel", "a quadratic term"),
-        ("asymmetry", "lack_accel", "an asymmetry of sign"),
-        ("gyro cubic", "lack_gyro", "a cubic term"),
-        ("warm-up", "lack_drift", "drift"),
-        ("9 poses", "few_poses", ""),
-        ("quadratic, 12", "lack_accel", "a quadratic term"),
-        ("creep 0.1 %", "lack_accel", "a creep"),
-        ("hysteresis", "lack_memory", "a hysteresis"),
-        ("jump", "lack_step", ""),
+        ("quadratic", "lack_accel", "a quadratic term"), ("asymmetry", "lack_accel", "an asymmetry of sign"),
+        ("gyro cubic", "lack_gyro", "a cubic term"), ("warm-up", "lack_drift", "drift"), ("9 poses", "few_poses", ""),
+        ("quadratic, 12", "lack_accel", "a quadratic term"), ("creep 0.1 %", "lack_accel", "a creep"),
+        ("hysteresis", "lack_memory", "a hysteresis"), ("jump", "lack_step", ""),
     ],
-)
+)  # fmt: skip
 def test_what_the_model_lacks_is_named(case, code, words):
     found, truth = calibrated(0, case)
     assert found.verdict == "weak"
@@ -71,10 +65,7 @@ def test_a_creep_is_fitted_and_a_drift_is_in_the_interval_of_the_bias(base):
 @pytest.mark.long
 def test_a_hand_that_turns_in_the_rests_makes_no_scale():
     """A drift of 1.5 degrees within the rests shortens the mean force by 3e-4 of it, which is five standard errors of the scale."""
-    inside = []
-    for seed in range(4):
-        found, truth = calibrated(seed, "wide drift")
-        inside.append(cases.inside(found, truth)[[0, 4, 8]])
+    inside = [cases.inside(*calibrated(seed, "wide drift"))[[0, 4, 8]] for seed in SEEDS]
     assert np.mean(inside) > 0.8
 
 

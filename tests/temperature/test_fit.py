@@ -8,18 +8,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.signal
 
 from jaxcal import Log
-from jaxcal.temperature import (
-    AbstractCurve,
-    Chebyshev,
-    Steps,
-    characterise,
-    fit,
-    residuals,
-    simulate,
-    thermometer,
-)
+from jaxcal.temperature import AbstractCurve, Chebyshev, Steps, characterise, fit, residuals, simulate, thermometer
 from jaxcal.temperature._hysteresis import lagged, played
 from jaxcal.temperature._record import binned
 
@@ -67,6 +59,20 @@ def test_a_ramp_with_the_noise_of_its_thermometer_has_no_outliers():
     found = fit(t + 0.01 * rng.normal(size=2000), 1e-3 * t + 1e-2 * rng.normal(size=2000), time=np.arange(2000.0), lag=0.0, play=0.0)
     assert "left_out" not in found.codes
     assert pytest.approx(1e-2, rel=0.08) == found.noise.N
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("speed", "timed", "code"), [(1.0, True, "lag_or_play"), (0.4, True, None), (1.0, False, "untimed")])
+def test_a_lag_needs_ramps_of_two_speeds_and_times(speed, timed, code):
+    """`benchmarks/finding_rates.py` has more runs."""
+    legs = [np.linspace(0.0, 1.0, round(1500 / each)) for each in (1.0, 1.0, speed, speed)]
+    true = 20 + 25 * np.concatenate([1 - leg if k % 2 else leg for k, leg in enumerate(legs)])
+    keep = np.exp(-1 / 60.0)
+    inner = scipy.signal.lfilter([1 - keep], [1.0, -keep], true - 20) + 20 if timed else true
+    rng = np.random.default_rng(0)
+    bias, seen = 0.4 * inner + 0.01 * inner**2 + 0.3 * rng.normal(size=len(true)), true + 0.02 * rng.normal(size=len(true))
+    found = fit(seen, bias, time=np.arange(len(true)) if timed else None)
+    assert found.codes & {"lag_or_play", "untimed"} == ({code} if code else set())
 
 
 def test_several_cycles_share_one_fit(refuses):
