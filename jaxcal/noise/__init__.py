@@ -18,20 +18,8 @@ if TYPE_CHECKING:
     from ._result import NoiseFit as NoiseFit, NoiseFits as NoiseFits
     from ._terms import Block as Block, GaussMarkov as GaussMarkov, Term as Term
 
-install(
-    __name__,
-    {
-        "_axes": "correlation",
-        "_binned": "log_likelihood",
-        "_compare": "compare",
-        "_covariance": "allan_covariance",
-        "_discrete": "StateSpace discrete",
-        "_fit": "characterise fit",
-        "_means": "mean_covariance",
-        "_model": "Noise",
-        "_overbound": "overbound",
-        "_recordings": "fit_recordings",
-        "_result": "NoiseFit NoiseFits",
-        "_terms": "Block GaussMarkov Term",
-    },
-)
+install(__name__, {
+    "_axes": "correlation", "_binned": "log_likelihood", "_compare": "compare", "_covariance": "allan_covariance",
+    "_discrete": "StateSpace discrete", "_fit": "characterise fit", "_means": "mean_covariance", "_model": "Noise",
+    "_overbound": "overbound", "_recordings": "fit_recordings", "_result": "NoiseFit NoiseFits", "_terms": "Block GaussMarkov Term",
+})  # fmt: skip

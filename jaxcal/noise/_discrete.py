@@ -164,13 +164,10 @@ def discrete(noise: Any, rate: Numbers, *, states: Numbers | None = None, band: 
         output=np.array([value for _, block in held for value in block.output], dtype=float),
         white=float(sum(coefficient**2 * block.white for _, coefficient, block in blocks)),
         initial=diagonal([coefficient**2 * np.asarray(block.initial) for coefficient, block in held]),
-        rate=rate,
         noise=dataclasses.replace(noise, B=0.0, markov=(*noise.markov, *chains), further=exact),
-        chain=tuple(chains),
-        band=limits,
-        psd_error=error,
         names=_numbered([(label, block.names) for label, _, block in blocks]),
-    )
+        rate=rate, chain=tuple(chains), band=limits, psd_error=error,
+    )  # fmt: skip
 
 
 def _numbered(blocks: list[tuple[str, tuple[str, ...]]]) -> tuple[str, ...]:

@@ -23,14 +23,9 @@ from ._whittle import fit_axes
 
 
 def fit(
-    y: Any,
-    rate: Numbers,
-    *,
-    method: str = "whittle",
-    terms: Sequence[str | Term] = ("Q", "N", "B", "K"),
-    confidence: float = 0.95,
+    y: Any, rate: Numbers, *, method: str = "whittle", terms: Sequence[str | Term] = ("Q", "N", "B", "K"), confidence: float = 0.95,
     band: Numbers | None = None,
-) -> NoiseFit:
+) -> NoiseFit:  # fmt: skip
     r"""Noise coefficients of a static record, with intervals.
 
     All terms are fitted jointly, none negative, in their exact form for samples. The default method maximises the Whittle
@@ -115,15 +110,9 @@ def _of_sensor(record: Record, asked: Asked) -> list[NoiseFit]:
 
 
 def characterise(
-    log: Any,
-    *,
-    rate: float | None = None,
-    method: str = "whittle",
-    terms: Sequence[str | Term] = ("Q", "N", "B", "K"),
-    confidence: float | int = 0.95,
-    band: Numbers | None = None,
-    progress: Callable[[int, int, str], None] | None = None,
-) -> NoiseFits:
+    log: Any, *, rate: float | None = None, method: str = "whittle", terms: Sequence[str | Term] = ("Q", "N", "B", "K"),
+    confidence: float | int = 0.95, band: Numbers | None = None, progress: Callable[[int, int, str], None] | None = None,
+) -> NoiseFits:  # fmt: skip
     """Noise coefficients of every gyroscope, accelerometer and magnetometer channel of a static log.
 
     Where the white noise of two axes of a sensor is correlated by more than 5 %, a finding says so; `correlation` gives its covariance.

@@ -74,13 +74,9 @@ class RecordingsFit(Result):
 
 
 def fit_recordings(
-    records: Sequence[Any],
-    rate: float,
-    *,
-    terms: Sequence[str | Term] = ("Q", "N", "B", "K"),
-    confidence: float = 0.95,
+    records: Sequence[Any], rate: float, *, terms: Sequence[str | Term] = ("Q", "N", "B", "K"), confidence: float = 0.95,
     band: Numbers | None = None,
-) -> RecordingsFit:
+) -> RecordingsFit:  # fmt: skip
     r"""Noise coefficients of one device from several recordings, with intervals for the next recording.
 
     Recordings of one device differ by more than their own errors. The model takes the logarithms of a coefficient as normally distributed

@@ -266,17 +266,8 @@ def _joined(trees: list[Any], name: str = "") -> Any:
 
 
 def assemble(
-    theta,
-    spread,
-    limits: Limits | None,
-    terms: tuple[Term, ...],
-    curve: Any,
-    duration: float,
-    *,
-    sinusoid=(),
-    xp: Any = np,
-    **others,
-) -> NoiseFit:
+    theta, spread, limits: Limits | None, terms: tuple[Term, ...], curve: Any, duration: float, *, sinusoid=(), xp: Any = np, **others
+) -> NoiseFit:  # fmt: skip
     """Make a `NoiseFit` from squared coefficients in the order of `terms`, their covariance and their limits, all in SI units.
 
     Without limits (None) the tables stay empty. `xp` is the module of the arrays. `others` are further fields of the result.
@@ -296,14 +287,9 @@ def assemble(
         )
         tables = {name: dict(zip(names, values, strict=False)) for name, values in zip(tables, columns, strict=True)}
     return NoiseFit(
-        noise=noise_of(terms, list(value), sinusoid),
-        covariance=NamedMatrix(names, spread),
-        deviation=curve,
-        duration=duration,
-        terms=names,
-        **tables,
-        **others,
-    )
+        noise=noise_of(terms, list(value), sinusoid), covariance=NamedMatrix(names, spread), deviation=curve, duration=duration,
+        terms=names, **tables, **others,
+    )  # fmt: skip
 
 
 def with_edf(curve: Deviation, used, edf) -> Deviation:
