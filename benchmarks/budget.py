@@ -179,7 +179,7 @@ def windows(runs):
     for w, size in enumerate(told.time):
         inside = []
         for place in (0, 9, 18, 27):
-            first = round((motion.duration - size) * place / (len(told.covariance[w]) - 1) / motion.step)
+            first = int(np.linspace(0.0, (motion.duration - size) / motion.step, len(told.covariance[w]))[place])
             part = slice(first, first + round(size / motion.step))
             turned = motion.attitude[first].T @ motion.attitude[part]
             sub = Path(motion.step, turned, motion.rate[part], motion.force[part], "window")

@@ -226,9 +226,14 @@ def increments(
     covariances, means = [], []
     for size in window:
         found = []
-        for begin in np.linspace(0.0, max(motion.duration - size, 0.0), _STARTS if len(motion.rate) > 1 else 1):
-            where = {"first": motion.attitude[min(int(begin / motion.step), len(motion.rate) - 1)].T, "mean": mean}
-            found.append(combined(known, unit_errors(known, motion, float(begin), float(begin + size), 1 / (rate or known.rate), **where)))
+        for place in np.linspace(0.0, max(motion.duration - size, 0.0) / motion.step, _STARTS if len(motion.rate) > 1 else 1).astype(int):
+            where = {"first": motion.attitude[place].T, "mean": mean}
+            found.append(
+                combined(
+                    known,
+                    unit_errors(known, motion, place * motion.step, place * motion.step + float(size), 1 / (rate or known.rate), **where),
+                )
+            )
         covariances.append(np.stack([one[0] for one in found]))
         means.append({cause: np.mean([one[1][cause] for one in found], axis=0) for cause in found[0][1]})
     parts: Any = {cause: np.stack([one[cause] for one in means]) for cause in means[0]}
