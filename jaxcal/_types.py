@@ -16,13 +16,10 @@ Series = Num[AnyArray, " n"] | Num[AnyArray, "n channels"]
 
 Scalar = Float[AnyArray, ""] | float
 
-#: a number or an array of them
-Real = Value | float | int
-
 #: what NumPy makes an array of numbers of
 Numbers = ArrayLike | Sequence[Any]
 
-#: a number, or an array that stands for one, which may be traced
+#: a number, or an array of them or that stands for one, which may be traced
 Real = int | float | np.number | AnyArray
 
 #: the group of each of many items: a number or a word
