@@ -175,7 +175,7 @@ def _constrained(products: np.ndarray) -> np.ndarray:
 def _variance(products: np.ndarray, q: np.ndarray) -> float:
     """Variance of the noise: the mean square of the residuals over its slope in the variance."""
     square, step = q @ products @ q, 2.0**-10
-    return abs(square * step / (square - q @ noisy(products, step) @ q))
+    return float(abs(square * step / (square - q @ noisy(products, step) @ q)))
 
 
 def _heading_slopes(q: np.ndarray, inclination: float) -> np.ndarray:

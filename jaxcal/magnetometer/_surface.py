@@ -195,7 +195,7 @@ def _of_object(asked: Asked, m: np.ndarray) -> Surface:
     if not inverse:
         raise DataError(f"`measure` and `correct` of {kind} do not undo one another; `correct` must be its inverse.", code="no_inverse")
     axes = [f"soft_iron[{i},{j}]" for i, j in zip(*UPPER, strict=True)] + [f"hard_iron[{i}]" for i in range(3)]
-    known = of_jacobian(one.found.near.slopes, names=axes + names)
+    known = of_jacobian(one.found.near.slopes, names=(*axes, *names))
     return one._replace(condition=float(known.condition), weakest=", ".join(known.weakest))
 
 
@@ -254,7 +254,7 @@ def candidates(u: np.ndarray, distinct: int) -> tuple[dict[str, Found], int]:
         if distinct <= COUNT[kind]:
             continue
         near = None if full is None else _smaller(full, kind)
-        if near is not None:
+        if full is not None and near is not None:
             margin, iron = (COUNT[full.kind] - COUNT[kind]) * np.log(count), basis_of(kind) @ near
             off = quadric.away((quadric.shape_of_soft(iron[:9].reshape(3, 3)), iron[9:]), u)
             if score(off, kind, count) > score(full.distance, full.kind, count) + margin:
