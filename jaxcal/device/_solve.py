@@ -43,8 +43,7 @@ def rounds(record: Record, start: Start, free: np.ndarray, floors: tuple[Floor, 
         try:
             found = solved(record, found.vector, found.way, free, level, place, counts, steps, rests, centre, moved)
         except np.linalg.LinAlgError as error:
-            said = "the sensors show no common motion, so the fit failed. Check the range and the unit of each of them"
-            raise DataError(said, code="no_motion") from error
+            raise DataError("the sensors show no common motion. Check the range and the unit of each", code="no_motion") from error
         blind, moved = bool(found.unseen.any()), found.moved
         steps = _FEW if blind else _STEPS
         if turn < 0:

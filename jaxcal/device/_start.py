@@ -28,9 +28,8 @@ _FIELD, _FORCE, _THIN, _TURN, _SEGMENT = 1.0, 10.0, 0.03, 4.0, (0.6, 5.0)
 #: sensor with a dead axis -> what calibrates the others
 _WITHOUT = {
     "gyro": "jaxcal imu calibrates the accelerometer, and jaxcal mag the magnetometer",
-    "accel": "jaxcal mag calibrates the magnetometer",
-    "mag": "jaxcal imu calibrates accelerometer and gyroscope",
-}
+    "accel": "jaxcal mag calibrates the magnetometer", "mag": "jaxcal imu calibrates accelerometer and gyroscope",
+}  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,10 +76,8 @@ def recorded(log: Any, gravity: float, latitude: float | None = None) -> tuple[R
     for name in ("accel", "gyro", "mag"):
         value = getattr(log, name, None)
         if value is None or np.shape(value)[1:] != (3,):
-            raise DataError(
-                f"the log has no {name} with three axes; a device is fitted from accelerometer, gyroscope and magnetometer",
-                code="no_sensor",
-            )
+            said = f"the log has no {name} with three axes; a device is fitted from accelerometer, gyroscope and magnetometer"
+            raise DataError(said, code="no_sensor")
     sensors = {name: _Sensor.of(log, name) for name in ("gyro", "accel")}
     (gyro, no_gyro), (accel, no_accel) = ((sensor.filled, sensor.lost) for sensor in sensors.values())
     mag = log.usable("mag")
@@ -243,11 +240,7 @@ def axes_of(vectors: np.ndarray, rates: np.ndarray, rate: float, names: tuple[st
     each = np.log(np.maximum(np.concatenate(scatter)[:, turned], 1e-12))
     best = clearest(np.exp(each.mean(axis=1)), alone=True) if turned.any() else 0
     if np.linalg.det(matrices[best]) < 0:
-        raise DataError(
-            Message(
-                "the {sensor} is mirrored against the {other}: {what}. Give {option.axes:gyro={axes}}",
-                sensor=names[0], other=names[1], what=axis_fault(matrices[best].T), axes=axis_words(matrices[best]),
-            ),
-            code="mirrored",
-        )  # fmt: skip
+        said = "the {sensor} is mirrored against the {other}: {what}. Give {option.axes:gyro={axes}}"
+        facts = {"sensor": names[0], "other": names[1], "what": axis_fault(matrices[best].T), "axes": axis_words(matrices[best])}
+        raise DataError(Message(said, **facts), code="mirrored")
     return matrices[best]
