@@ -18,7 +18,7 @@ from ..fitting._result import leverage
 from . import _fits, _recording
 from ._estimate import solved, started
 from ._findings import FINDINGS
-from ._fits import Knowledge, Options
+from ._fits import Options
 from ._joint import Job, count_of
 from ._known import checked_gravity
 from ._model import Imu, Triad, checked_convention, freed
@@ -34,8 +34,8 @@ _TYPICAL = 0.01  # m/s^2: assumed error of a magnitude, to weight a prior before
 @host_float64
 def multi_position(
     log: Any, *, gravity: float | int | None = None, convention: str = "upper", model: str | Triad | Imu = "full",
-    g_sensitivity: bool = True, loss: AbstractLoss | None = _HUBER, latitude: float | None = None, noise: Knowledge = None,
-    raw: bool = False, rests: Numbers | None = None, held_out: bool = True, terms: str | Iterable[str] = (), prior: Knowledge = None,
+    g_sensitivity: bool = True, loss: Any = _HUBER, latitude: float | None = None, noise: Any = None,
+    raw: bool = False, rests: Numbers | None = None, held_out: bool = True, terms: str | Iterable[str] = (), prior: Any = None,
 ) -> ImuFit:  # fmt: skip
     r"""Estimate scale factors, misalignments, biases and g-sensitivity from still poses and the turns between them.
 
