@@ -72,7 +72,7 @@ def excess(residual: np.ndarray, base: np.ndarray, parameters: Any) -> float:
     return float(scipy.optimize.brentq(surplus, floor, max(2 * top, 2 * floor), xtol=1e-18 * top, rtol=1e-10))  # type: ignore[arg-type]
 
 
-def coefficients(noise: Knowledge, sensor: str) -> tuple[float, float, float]:
+def coefficients(noise: Any, sensor: str) -> tuple[float, float, float]:
     """White noise N, bias instability B and random walk K of a sensor, of its noisiest axis, in SI; zero if unknown.
 
     `noise` is {"accel": ..., "gyro": ...}, or channel -> noise as in the result of `jaxcal.noise.characterise`, or has one of these as

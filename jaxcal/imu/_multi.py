@@ -11,7 +11,6 @@ from .._arrays import power_of_two
 from .._errors import DataError
 from .._message import Message
 from .._precision import host_float64, is_traced
-from .._types import Numbers
 from ..evidence._rests import Ends, Multiples, StillIntervals, Variances
 from ..fitting import AbstractLoss, Fit, Huber
 from ..fitting._result import leverage
@@ -35,7 +34,7 @@ _TYPICAL = 0.01  # m/s^2: assumed error of a magnitude, to weight a prior before
 def multi_position(
     log: Any, *, gravity: float | int | None = None, convention: str = "upper", model: str | Triad | Imu = "full",
     g_sensitivity: bool = True, loss: Any = _HUBER, latitude: float | None = None, noise: Any = None,
-    raw: bool = False, rests: Numbers | None = None, held_out: bool = True, terms: str | Iterable[str] = (), prior: Any = None,
+    raw: bool = False, rests: Any = None, held_out: bool = True, terms: str | Iterable[str] = (), prior: Any = None,
 ) -> ImuFit:  # fmt: skip
     r"""Estimate scale factors, misalignments, biases and g-sensitivity from still poses and the turns between them.
 

@@ -139,7 +139,7 @@ def rests_among(regions: list[Region]) -> list[tuple[int, int]] | None:
 
 @host_float64
 def ferraris(
-    log: Any, regions: Sequence[Any] | Mapping[str, Any] | str | Path | None = None, *, gravity: float | int | None = None,
+    log: Any, regions: Any = None, *, gravity: float | int | None = None,
     angle: float = 2 * np.pi, raw: bool = False,
 ) -> ImuFit:  # fmt: skip
     r"""Calibrate accelerometer and gyroscope from a Ferraris session: a box at rest on six faces, and one turn about each axis.
