@@ -159,7 +159,8 @@ class _Record:
         starts, stops = runs(found)
         single = stops - starts <= 2 * h // step
         # single outliers at one lag, anywhere in the record: the swings of one event are near one another
-        self.tails = self.tails or len(np.unique(starts[single] * step // self.longest)) > FEW
+        apart = len(np.unique(starts[single] * step // self.longest)) > FEW // 2
+        self.tails = self.tails or (apart and np.count_nonzero(single) > FEW)
         if self.tails:
             for start, stop in zip(starts[single], stops[single], strict=True):
                 found[start:stop] = False
