@@ -151,6 +151,7 @@ def azimuth(
         raise DataError(f"Method {method!r} needs gyro readings with mounting 'x', and there are none.", code="no_position")
     if method == "single_reading":
         angle = readings.positions.angle[readings.positions.mounting.index("x")] if angle is None else angle
+        assert angle is not None
         if not is_traced(readings, angle) and not np.any(taken(readings, "gyro", "x", float(angle))):
             raise DataError(f"There is no x reading at {np.rad2deg(float(angle)):g} degrees; give the angle of one.", code="no_position")
     dtype = jnp.asarray(readings.gyro).dtype

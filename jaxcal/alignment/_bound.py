@@ -93,7 +93,7 @@ def crlb(
     table = tabulate(Readings(positions, zeros, zeros, lever_arm=lever_arm), gravity, noise)
     model = turntable(attitude, latitude, accel, gyro)
     table = with_angle_errors(table, model, positions, gravity, lever_arm)
-    dtype = jax.dtypes.canonicalize_dtype(attitude.dtype)
+    dtype = jax.dtypes.canonicalize_dtype(jnp.result_type(attitude))
     xp = array_module(table, model, certainty)
     weight = xp.stack([xp.asarray(certainty.get(name, 0.0)) for name in NAMES])
     table, model = in_one_type((dataclasses.replace(table, prior=0 * weight, certainty=weight), model), dtype)

@@ -133,7 +133,7 @@ class _Look:
     def left(self) -> float:
         """Logarithm of the probability of larger residuals."""
         rows = self._rows(self.values)
-        return _log_tail(rows, np.count_nonzero(rows) - len(self.free))
+        return _log_tail(rows, float(np.count_nonzero(rows) - len(self.free)))
 
 
 def _log_tail(rows: np.ndarray, freedom: float) -> float:
@@ -152,7 +152,7 @@ def _terms(found: AlignmentFit, parts: Readings, gravity: Any) -> dict[str, dict
     spare = {name: np.count_nonzero(np.isfinite(own) & (channel == 0)) - 3 for name, own in read.items()}
     if spare["accel"] > 2:
         ends = ((dataclasses.replace(model, **{name: getattr(model, name) + h}) for h in (SMALL, -SMALL)) for name in ("phi", "theta"))
-        slope = np.stack([np.subtract(*(one.measure(places, gravity=gravity)[0] for one in pair)) for pair in ends], axis=-1)
+        slope = np.stack([up.measure(places, gravity=gravity)[0] - down.measure(places, gravity=gravity)[0] for up, down in ends], axis=-1)
         accel = slope / (2 * SMALL) * time[:, None]  # it tilts the Earth's rate as well, by nothing that a gyro sees
         terms["accel"]["tilt"] = np.stack([accel, np.zeros_like(accel)])
     # a drift that shows is seldom straight

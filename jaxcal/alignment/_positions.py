@@ -342,7 +342,7 @@ def harmonics(readings: Readings, sensor: str, mounting: str, unit: Any) -> tupl
 
 def check_gravity(gravity: Real) -> Any:
     """Refuse gravity that is not in m/s^2 or does not occur on the Earth's surface."""
-    if not is_traced(gravity) and not on_earth("gravity", gravity):
+    if not is_traced(gravity) and not on_earth("gravity", float(gravity)):
         low, high = ON_EARTH["gravity"]
         raise DataError(f"The gravity is {float(gravity):g}; on the Earth it is {low} to {high} m/s^2.", code="gravity")
     return gravity
@@ -357,7 +357,7 @@ def check_latitude(latitude: Real) -> Any:
 
 def checked_attitude(attitude: Numbers) -> Any:
     """Roll, pitch and azimuth (3,), which are finite."""
-    attitude = attitude if is_traced(attitude) else np.asarray(attitude, dtype=float)
-    if attitude.shape != (3,) or not (is_traced(attitude) or np.isfinite(attitude).all()):
+    found: Any = attitude if is_traced(attitude) else np.asarray(attitude, dtype=float)
+    if found.shape != (3,) or not (is_traced(found) or np.isfinite(found).all()):
         raise DataError(f"The attitude is {attitude}; give finite (roll, pitch, azimuth) in rad.", code="attitude")
-    return attitude
+    return found

@@ -80,7 +80,7 @@ def simulate(
     attitude = checked_attitude(attitude)
     check_latitude(latitude)
     made = turntable(attitude, latitude, accel, gyro).measure(positions, gravity=gravity, lever_arm=lever_arm)
-    dtype = jax.dtypes.canonicalize_dtype(attitude.dtype)
+    dtype = jax.dtypes.canonicalize_dtype(jnp.result_type(attitude))
     made = in_one_type(made, dtype)
     keys = jax.random.split(seed if isinstance(seed, jax.Array) else jax.random.key(int(seed)))
     # convert to arrays, because a Python number would be a constant of the program and force a new compilation for every value

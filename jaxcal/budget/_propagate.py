@@ -227,11 +227,18 @@ def increments(
     for size in window:
         found = []
         for place in np.linspace(0.0, max(motion.duration - size, 0.0) / motion.step, _STARTS if len(motion.rate) > 1 else 1).astype(int):
-            where = {"first": motion.attitude[place].T, "mean": mean}
             found.append(
                 combined(
                     known,
-                    unit_errors(known, motion, place * motion.step, place * motion.step + float(size), 1 / (rate or known.rate), **where),
+                    unit_errors(
+                        known,
+                        motion,
+                        place * motion.step,
+                        place * motion.step + float(size),
+                        1 / (rate or known.rate),
+                        first=motion.attitude[place].T,
+                        mean=mean,
+                    ),
                 )
             )
         covariances.append(np.stack([one[0] for one in found]))

@@ -167,7 +167,7 @@ def _served(session: _Session) -> Iterator[str]:
             return "application/json", "{}"
 
         def _answer(self, known: dict[str, Any]) -> None:
-            here = f"127.0.0.1:{self.server.server_address[1]}"
+            here = f"127.0.0.1:{server.server_port}"
             name = self.path.removeprefix(f"/{token}/")
             own = self.headers.get("Host") == here and self.headers.get("Origin", f"http://{here}") == f"http://{here}"
             if not own or name == self.path or name not in known:
@@ -187,7 +187,7 @@ def _served(session: _Session) -> Iterator[str]:
     server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler)
     threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05}, daemon=True).start()
     try:
-        yield f"http://127.0.0.1:{server.server_address[1]}/{token}/"
+        yield f"http://127.0.0.1:{server.server_port}/{token}/"
     finally:
         time.sleep(2 * _PERIOD)  # the page fetches the last state
         server.shutdown()

@@ -147,7 +147,7 @@ def simulate(
         "mag": inside @ np.asarray(device.magnetometer.soft_iron).T + np.asarray(device.magnetometer.hard_iron),
     }
     # the density of the magnetometer gives its standard deviation at this rate
-    known = NOISE | {"mag": NOISE["mag"] * np.linalg.norm(field) / np.sqrt(float(rate))} | (noise or {})
+    known = {**NOISE, "mag": NOISE["mag"] * np.linalg.norm(field) / np.sqrt(float(rate)), **(noise or {})}
     return noisy(readings, known, float(rate), seed, 3), device, true
 
 

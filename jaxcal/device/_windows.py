@@ -127,8 +127,8 @@ def windows(
         more = later[readings][..., None]
         slope = derivative_at(gyro, *last, 1) / h
         rate, to_reading, field_time = rate + more * slope, to_reading + more * rate + more**2 / 2 * slope, field_time + more[..., 0]
-    rates = (derivative_at(gyro, x, index, order) / h**order for order in range(3))
-    return Windows(accel[whole], *rates, h * turn, mag[readings], to_reading, rate, field_time, np.full(len(whole), h))
+    one, two, three = (derivative_at(gyro, x, index, order) / h**order for order in range(3))
+    return Windows(accel[whole], one, two, three, h * turn, mag[readings], to_reading, rate, field_time, np.full(len(whole), h))
 
 
 def steps_back(grid: Grid, mag_delay: float) -> int:

@@ -314,4 +314,4 @@ def gravity(latitude: Numbers, height: Numbers = 0.0) -> AnyArray:
     NIMA TR8350.2, Department of Defense World Geodetic System 1984, equation 4-1, and the free-air gradient.
     """
     square = jnp.sin(jnp.asarray(latitude, dtype=jnp.result_type(float))) ** 2
-    return 9.7803253359 * (1 + 0.00193185265241 * square) / jnp.sqrt(1 - 0.00669437999014 * square) - 3.086e-6 * height
+    return 9.7803253359 * (1 + 0.00193185265241 * square) / jnp.sqrt(1 - 0.00669437999014 * square) - 3.086e-6 * jnp.asarray(height)

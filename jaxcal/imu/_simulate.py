@@ -124,7 +124,7 @@ def simulate(
     if latitude is not None:
         w = w + EARTH_RATE * (np.cos(latitude) * c_nb[:, 0, :] + np.sin(latitude) * c_nb[:, 2, :])
     readings = {"accel": accel.measure(force), "gyro": gyro.measure(w, force)}
-    return noisy(readings, NOISE | (noise or {}), float(rate), seed, 1)
+    return noisy(readings, {**NOISE, **(noise or {})}, float(rate), seed, 1)
 
 
 def noisy(readings: dict[str, Any], noise: dict[str, Any], rate: float, seed: int, stream: int) -> Log:

@@ -106,9 +106,9 @@ class Steps(AbstractCurve):
     def value(self, t: Numbers) -> AnyArray:
         """Compute the sum of the series and all steps."""
         xp = array_module(self, t)
-        t, height, centre, width = common(xp, t, self.height, self.centre, self.width)
-        steps = (own * sigmoid(t, at, wide) for own, at, wide in zip(height, centre, width, strict=True))
-        return xp.asarray(sum(steps, self.base.value(t)))
+        here, height, centre, width = common(xp, t, self.height, self.centre, self.width)
+        steps = (own * sigmoid(here, at, wide) for own, at, wide in zip(height, centre, width, strict=True))
+        return xp.asarray(sum(steps, self.base.value(here)))
 
 
 class Piecewise(AbstractCurve):

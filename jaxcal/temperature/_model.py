@@ -13,7 +13,8 @@ from ._curves import AbstractCurve, common
 from ._hysteresis import felt, rate_of, steps_of
 from ._record import FINE
 
-Times, Hz = Numbers | None, Real | None
+Times = Numbers | None
+Hz = Real | None
 
 
 class ClampWarning(UserWarning):

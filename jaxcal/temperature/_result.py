@@ -118,7 +118,7 @@ class TemperatureFit(Result):
         """The jumps, sorted by temperature."""
         each = [[self.estimate.select(f"jump.{part}[{i}]") for part in _PARTS] for i in range(len(self.chances))]
         sizes = [[*(float(one.values[0]) for one in parts), *(float(one.error[0]) for one in parts)] for parts in each]
-        return tuple(Step(*known, chance) for known, chance in zip(sizes, self.chances, strict=True))
+        return tuple(Step(*[*known, chance]) for known, chance in zip(sizes, self.chances, strict=True))
 
     @property
     def headline(self) -> str:
