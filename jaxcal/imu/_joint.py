@@ -235,7 +235,7 @@ class Job(eqx.Module):
         own_size = _own_sizes(fit, names, rests) if options.prior is None else np.ones(len(names))
         matrix = np.asarray(made.estimate.matrix) * own_size[:, None] * own_size[None, :]
         missing = lacks(joint, rests, float(self.record.time[-1]) / 2) if _known_kind(fit.model) and bool(fit.usable) else []
-        for shift in [lack.spread for lack in missing] + ([] if lost is None else [lost]):
+        for shift in [lack.spread for lack in missing if lack.finding or options.prior is None] + ([] if lost is None else [lost]):
             matrix = matrix + np.asarray(framed(fit.model, options.convention, placed(fit.names, shift, names))[1][0])
         for sensor, rate in (("gyro", fit.model.drift), ("accel", fit.model.accel_drift)):  # the bias may be that of any time of the record
             reach = {} if rate is None else {f"{sensor}.bias[{i}]": float(one) * self.record.time[-1] / 2 for i, one in enumerate(rate)}
