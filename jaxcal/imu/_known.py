@@ -257,7 +257,7 @@ def six_position(
 
 @host_float64
 def rate_table(
-    readings: Numbers, rates: Numbers, accel: Numbers | None = None, *, latitude: float | None = None, sigma: Numbers | None = None,
+    readings: Any, rates: Any, accel: Any = None, *, latitude: float | None = None, sigma: Numbers | None = None,
     servo: float = 0.0,
 ) -> TriadFit:  # fmt: skip
     r"""Calibrate a gyroscope from mean readings on a rate table, with g-sensitivity if the specific force is known.

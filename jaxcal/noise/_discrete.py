@@ -131,7 +131,7 @@ def discrete(noise: Any, rate: Numbers, *, states: Numbers | None = None, band: 
     >>> model.names
     ('walk', 'flicker 1', 'flicker 2', 'flicker 3')
     >>> f"{model.white:.2e} {model.process[0, 0]:.2e}, chain within {100 * model.psd_error:.0f} %"
-    '5.29e-07 1.00e-14, chain within 8 %'
+    '5.29e-07 1.00e-14, chain within 13 %'
 
     References
     ----------

@@ -23,7 +23,7 @@ from ._whittle import fit_axes
 
 
 def fit(
-    y: Any, rate: Numbers, *, method: str = "whittle", terms: Sequence[str | Term] = ("Q", "N", "B", "K"), confidence: float = 0.95,
+    y: Any, rate: Any, *, method: str = "whittle", terms: Sequence[str | Term] = ("Q", "N", "B", "K"), confidence: float = 0.95,
     band: Numbers | None = None,
 ) -> NoiseFit:  # fmt: skip
     r"""Noise coefficients of a static record, with intervals.

@@ -53,7 +53,7 @@ def test_no_azimuth_is_status_1_and_says_what_is_missing(call, folder, made):
     found = call("north", "four.csv", "--latitude", "35", *NOISE, "--free", "phi,theta,psi,b_a,s_a,b_g,s_g")
     assert (found.status, found.code) == (1, "refused")
     assert "do not determine phi, theta, psi, s_a, s_g" in " ".join(found.out.split())
-    found = call("north", "four.csv", "--latitude", "35", *NOISE, "--free", "phi,theta,psi,b_a,b_g", "--prior", "s_a=1e-4,s_g=1e-4")
+    found = call("north", "four.csv", "--latitude", "35", *NOISE, "--free", "phi,theta,psi,b_a,b_g", "--prior", "s_a=1e-4,s_g=1e-4", "-v")
     assert found.status == 0
     assert "From the prior alone: s_a" in " ".join(found.out.split())
 

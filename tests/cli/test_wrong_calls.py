@@ -215,7 +215,7 @@ allan rest.csv --m 0                       | cluster size 0 is outside
 allan rest.csv --m 100000                  | cluster size 100000 is outside
 allan warm_only.csv                        | neither gyroscope, accelerometer nor magnetometer
 mag tumble.csv --align gyro                | the log has no gyro; name its columns with --columns gyro=...
-temperature cold.csv                       | a thermal model needs at least 2 degC
+temperature cold.csv                       | over its range of use, 2 degC at least
 export device.json --to kalibr             | run jaxcal noise on a log of the sensor at rest
 diff device.json device.json               | have no part in common that could be compared
 apply broken.json rest.csv --out a.csv     | broken.json
