@@ -132,13 +132,15 @@ def _weigh(one: Triple, table: Any, names: list[str], meaning: Name | None, key:
 
 def weigh_values(one: Triple, table: Any, wanted: str | None, *, nameless: bool = False) -> None:
     """Add the odds by the name of the file, by the sensor that the command needs, and by the values."""
+    step = max(1, len(table.columns[0]) // PIECE)
+    values = np.column_stack([np.asarray(table.columns[i][::step], np.float64) for i in one.columns])
+    if len(values) > 1 and (values == values[0]).all():
+        return  # a fact about the recording, which stands in every row
     said = {"by the file's name": file_kind(table.stem), "by the word that stands in every row": table.word, "as the command needs": wanted}
     for why, kind in said.items():
         if kind is not None:
             one.odds[kind if kind in one.odds else "other"] += ODDS["file"]
             one.why[kind] = why
-    step = max(1, len(table.columns[0]) // PIECE)
-    values = np.column_stack([np.asarray(table.columns[i][::step], np.float64) for i in one.columns])
     steady = spread(values)
     # the length of a rate changes more than that of gravity or a field
     sure = ODDS["values"] + 0.5 * min(2.0, -np.log10(max(steady, 1e-9)))
