@@ -271,3 +271,13 @@ def test_columns_x_y_z_without_a_clock_beside_a_magnet(call, folder):
     for i, true in enumerate([300e-6, -250e-6, 260e-6]):
         assert abs(document["numbers"][f"hard_iron[{i}]"]["value"] - true) < 0.2e-6
     assert call("mag", "plain.csv", "--units", "mag=uT", "--align", "gyro").code == "no_rate"
+
+
+def test_a_fact_that_stands_beside_the_samples_is_no_sensor(call, folder):
+    u = np.random.default_rng(0).standard_normal((400, 3))
+    m = np.round(1600 * u / np.linalg.norm(u, axis=1, keepdims=True) + [600, 100, 0] + 5 * u)
+    samples = [{"x": x, "y": y, "z": z, "timestamp": 1781283150803 + 80 * k} for k, (x, y, z) in enumerate(m.tolist())]
+    (folder / "tumble.json").write_text(json.dumps({"samples": samples, "coverage": {"faces": [19, 22, 15]}}))
+    assert call("mag", "tumble.json", "--json", "a.json").status == 0
+    found = json.loads((folder / "a.json").read_text())
+    assert found["model"]["hard_iron"] == pytest.approx([600, 100, 0], abs=5)

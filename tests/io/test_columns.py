@@ -5,7 +5,6 @@ nothing (all sensors are read), the initials of the sensors that are read, or th
 """
 
 import ast
-import json
 import random
 import re
 import zipfile
@@ -237,12 +236,3 @@ def test_a_unit_against_that_of_the_header_is_said(tmp_path):
     path.write_text("t [s],gx [rad/s]\n" + "".join(f"{t},{np.sin(t)}\n" for t in TIME))
     said = [one for one in jaxcal.read(path, units="gyro=deg/s", quiet=True).findings if one.code == "against_header"]
     assert [(one.facts["unit"], one.facts["header"]) for one in said] == [("deg/s", "rad/s")]
-
-
-def test_a_fact_that_stands_beside_the_samples_is_no_sensor(tmp_path):
-    u = np.random.default_rng(0).standard_normal((400, 3))
-    m = np.round(1600 * u / np.linalg.norm(u, axis=1, keepdims=True) + [600, 100, 0] + 5 * u)
-    samples = [{"x": x, "y": y, "z": z, "timestamp": 1781283150803 + 80 * k} for k, (x, y, z) in enumerate(m.tolist())]
-    path = tmp_path / "tumble.json"
-    path.write_text(json.dumps({"samples": samples, "coverage": {"faces": [19, 22, 15]}}))
-    assert jaxcal.magnetometer.fit(path).model.hard_iron == pytest.approx([600, 100, 0], abs=5)
