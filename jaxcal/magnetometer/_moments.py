@@ -96,21 +96,25 @@ class Moments:
         self._bins[way] += 1
         self.count += 1
         self.sums += np.prod(u**_POWERS, axis=1)
-        if self.count in _RENEWED:
-            self._renew()
+        since = self.count - max((at for at in _RENEWED if at <= self.count), default=self.count + 1)
+        if 0 <= since < 4:  # four readings share the work, as on the device
+            self._renew(since)
         return True
 
-    def _renew(self) -> None:
-        """Move the frame to the mean of the readings, with a root mean square of 1, by the binomial theorem."""
-        mean = self.sums[[_PLACE[tuple(row)] for row in np.eye(3, dtype=int).tolist()]] / self.sums[0]
-        steps = _POWERS[:, None] - _POWERS
-        with np.errstate(invalid="ignore"):
-            moves = np.where(steps >= 0, scipy.special.comb(_POWERS[:, None], _POWERS) * (-mean) ** np.maximum(steps, 0), 0.0)
-        self.sums = np.prod(moves, axis=2) @ self.sums
-        self.centre = self.centre + self.scale * mean
-        size = float(np.sqrt(max(np.trace(self._products()[6:9, 6:9]), 0.0)))
-        if size > 0:
-            self.sums, self.scale = self.sums / size ** _POWERS.sum(axis=1), self.scale * size
+    def _renew(self, step: int) -> None:
+        """Move the frame to the mean of the readings along an axis (step 0 to 2), or scale it to a root mean square of 1 (3)."""
+        if step == 3:
+            size = float(np.sqrt(max(np.trace(self._products()[6:9, 6:9]), 0.0)))
+            if size > 0:
+                self.sums, self.scale = self.sums / size ** _POWERS.sum(axis=1), self.scale * size
+            return
+        mean = self.sums[_PLACE[tuple(np.eye(3, dtype=int)[step].tolist())]] / self.sums[0]
+        others = (np.delete(_POWERS, step, axis=1)[:, None] == np.delete(_POWERS, step, axis=1)).all(axis=2)
+        high, low = _POWERS[:, None, step], _POWERS[:, step]
+        binomial = scipy.special.comb(high, low) * (-mean) ** np.maximum(high - low, 0)
+        moves = np.where(others & (high >= low), binomial, 0.0)
+        self.sums = moves @ self.sums
+        self.centre[step] += self.scale * mean
 
     def _products(self) -> np.ndarray:
         return self.sums[_PRODUCT] / max(self.sums[0], 1.0)
@@ -129,7 +133,8 @@ class Moments:
         if self.count < _LEAST:
             self.reasons = ("few",)
             return self.verdict
-        self._renew()
+        for step in range(4):
+            self._renew(step)
         products, self.reasons = self._products(), ("no_ellipsoid",)
         if not np.linalg.eigvalsh(products[6:9, 6:9])[0] > NEAR_PLANAR**2:
             return self.verdict

@@ -37,21 +37,29 @@ static int finite3(const jaxcal_real m[3]) {
 static void shift(jaxcal_real s[JAXCAL_MOMENTS], int axis, jaxcal_real d) {
   for (int b = 0; b <= 4; ++b)
     for (int c = 0; b + c <= 4; ++c)
-      for (int step = 1; step <= 4 - b - c; ++step)
-        for (int a = 4 - b - c; a >= step; --a) s[place(axis, a, b, c)] -= d * s[place(axis, a - 1, b, c)];
+      for (int step = 1; step <= 4 - b - c; ++step) {
+        int here = place(axis, 4 - b - c, b, c);
+        for (int a = 4 - b - c; a >= step; --a) {
+          const int before = place(axis, a - 1, b, c);
+          s[here] -= d * s[before];
+          here = before;
+        }
+      }
 }
 
-/* Move the frame to the mean of the readings, with a root mean square of 1: there the sums lose least to rounding. */
-static void recentre(jaxcal_mag *mag) {
-  const jaxcal_real n = mag->sum[0];
-  for (int axis = 0; axis < 3; ++axis) {
-    const jaxcal_real d = mag->sum[place(axis, 1, 0, 0)] / n;
-    shift(mag->sum, axis, d);
-    mag->centre[axis] += mag->scale * d;
-  }
+/* One of four steps that move the frame to the mean of the readings along each axis, and scale it to a root mean square of 1: there the
+ * sums lose least to rounding. */
+static void renew(jaxcal_mag *mag, int step) {
   jaxcal_real size = 0;
+  if (step < 3) {
+    const jaxcal_real d = mag->sum[place(step, 1, 0, 0)] / mag->sum[0];
+    shift(mag->sum, step, d);
+    mag->centre[step] += mag->scale * d;
+    memset(mag->lost, 0, sizeof mag->lost);
+    return;
+  }
   for (int axis = 0; axis < 3; ++axis) size += mag->sum[place(axis, 2, 0, 0)];
-  size = ROOT(size / n);
+  size = ROOT(size / mag->sum[0]);
   if (!(size > 0)) return;
   for (int a = 0; a <= 4; ++a)
     for (int b = 0; a + b <= 4; ++b)
@@ -59,6 +67,10 @@ static void recentre(jaxcal_mag *mag) {
         for (int k = 0; k < a + b + c; ++k) mag->sum[ROW[a][b] + c] /= size;
   mag->scale *= size;
   memset(mag->lost, 0, sizeof mag->lost);
+}
+
+static void recentre(jaxcal_mag *mag) {
+  for (int step = 0; step < 4; ++step) renew(mag, step);
 }
 
 void jaxcal_mag_begin(jaxcal_mag *mag) {
@@ -118,7 +130,9 @@ int jaxcal_mag_add(jaxcal_mag *mag, const jaxcal_real m[3]) {
         mag->lost[k] = (total - mag->sum[k]) - add;
         mag->sum[k] = total;
       }
-  if (mag->count == 16 || mag->count == 64 || mag->count == 256) recentre(mag);
+  /* four readings share the work, here and later when more is known */
+  const int since = mag->count < 64 ? mag->count - 16 : mag->count < 256 ? mag->count - 64 : mag->count - 256;
+  if (since >= 0 && since < 4) renew(mag, since);
   return 1;
 }
 
