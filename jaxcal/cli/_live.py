@@ -10,6 +10,7 @@ import math
 import os
 import re
 import secrets
+import select
 import sys
 import termios
 import threading
@@ -45,8 +46,8 @@ def recorded(source: str, target: Path, baud: int, limit: float, inclination: fl
             while reader.is_alive() and not session.stopped.wait(_PERIOD):
                 session.look()
         session.stopped.set()
+        reader.join()
         session.look()
-        log.flush()
     screen.lines([f"{session.state['reason']} {len(session.readings)} readings, {session.skipped} lines that are none"])
     return target
 
@@ -79,12 +80,10 @@ class _Session:
         self.stopped = threading.Event()
         self.state: dict[str, Any] = {"count": 0, "reason": "no reading yet", "done": False, "sphere": None}
 
-    def read(self, stream: Any, log: Any) -> None:
+    def read(self, stream: int, log: Any) -> None:
         """Take lines until the source ends or the session stops, and write every reading to the log."""
-        with contextlib.suppress(OSError, ValueError):  # a port that is unplugged, or closed by the end of the session
-            for line in stream:
-                if self.stopped.is_set():
-                    break
+        with contextlib.suppress(OSError):  # a port that is unplugged
+            for line in self._lines(stream):
                 values = parsed(line)
                 if values is None:
                     self.skipped += 1
@@ -94,6 +93,19 @@ class _Session:
                     log.write(f"mx{unit},my{unit},mz{unit}\n")  # no time: a pipe hands lines on in bursts
                 log.write(f"{values[0]!r},{values[1]!r},{values[2]!r}\n")
                 self.readings.append(values)
+
+    def _lines(self, stream: int) -> Iterator[str]:
+        """Lines as they come; a source that is silent does not keep the session from its end."""
+        rest, part = b"", b""
+        while not self.stopped.is_set():
+            if select.select([stream], [], [], _PERIOD)[0]:
+                part = os.read(stream, 65536)
+                if not part:
+                    break
+                *whole, rest = (rest + part).split(b"\n")
+                yield from (line.decode(errors="replace") for line in whole)
+        if rest:
+            yield rest.decode(errors="replace")
 
     def look(self) -> None:
         """Fit the readings so far; stop when the error is small enough."""
@@ -126,10 +138,10 @@ def _sphere(m: Any, found: Any) -> dict[str, Any]:
 
 
 @contextlib.contextmanager
-def _opened(source: str, baud: int) -> Iterator[Any]:
-    """Lines of standard input ("-") or of a serial port."""
+def _opened(source: str, baud: int) -> Iterator[int]:
+    """Descriptor of standard input ("-") or of a serial port."""
     if source == "-":
-        yield sys.stdin
+        yield sys.stdin.fileno()
         return
     speed = getattr(termios, f"B{baud}", None)
     if speed is None:
@@ -138,13 +150,15 @@ def _opened(source: str, baud: int) -> Iterator[Any]:
         number = os.open(source, os.O_RDONLY | os.O_NOCTTY)
     except OSError as error:
         raise CallError(f"--live {source}: {error.strerror}; name a serial port, such as /dev/ttyUSB0, or - for a pipe", "live") from error
-    with open(number, encoding="utf-8", errors="replace") as stream:
+    try:
         if os.isatty(number):
             tty.setraw(number)
             settings = termios.tcgetattr(number)
             settings[4] = settings[5] = speed
             termios.tcsetattr(number, termios.TCSANOW, settings)
-        yield stream
+        yield number
+    finally:
+        os.close(number)
 
 
 @contextlib.contextmanager

@@ -34,15 +34,16 @@ def fetched(url, method="GET", **headers):
         return answer.read().decode()
 
 
-def test_a_recording_ends_when_the_error_is_small_and_gives_what_the_log_gives(tmp_path):
+@pytest.mark.parametrize("limit", ["0.3", "0.001"])  # the second is never reached: the page says stop, while the sensor is silent
+def test_a_recording_ends_when_the_error_is_small_and_gives_what_the_log_gives(tmp_path, limit):
     master, slave = pty.openpty()
     tty.setraw(slave)
     command = [sys.executable, "-m", "jaxcal", "mag", "a.csv"]
-    words = ["--live", os.ttyname(slave), "--limit", "0.3", "--out", "live"]
+    words = ["--live", os.ttyname(slave), "--limit", limit, "--out", "live"]
     how = {"cwd": tmp_path, "env": {**os.environ, "COLUMNS": "200"}, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
     with subprocess.Popen([*command, *words], **how) as running:
         try:
-            log = recorded(running, master)
+            log = recorded(running, master, limit)
         finally:
             running.kill()
             os.close(master)
@@ -55,7 +56,7 @@ def test_a_recording_ends_when_the_error_is_small_and_gives_what_the_log_gives(t
     assert one == two
 
 
-def recorded(running, master):
+def recorded(running, master, limit):
     """Number of readings sent until the page says that they are enough; meanwhile others are refused."""
     running.stdout.readline()
     url = re.search(r"http://127.0.0.1:\d+/\S+/", running.stdout.readline())[0]
@@ -70,7 +71,7 @@ def recorded(running, master):
         assert refused.value.code == 403
         refused.value.close()
     rng, sent = np.random.default_rng(0), 0
-    for _ in range(200):  # blocks of 20 readings, until the page says that they are enough
+    for block in range(200):  # blocks of 20 readings, until the page says that they are enough
         u = rng.standard_normal((20, 3))
         for x, y, z in 47 * u / np.linalg.norm(u, axis=1, keepdims=True) + [10, -20, 5] + 0.2 * rng.standard_normal((20, 3)):
             os.write(master, f"{x:.2f},{y:.2f},{z:.2f}\n".encode())
@@ -81,6 +82,9 @@ def recorded(running, master):
             break  # it has ended
         if state["done"]:
             assert state["error"] < 0.3
+            break
+        if block == 20 and limit == "0.001":
+            fetched(url + "stop", "POST")
             break
         time.sleep(0.1)
     out = running.communicate(timeout=120)[0]
