@@ -11,7 +11,7 @@ FINDINGS = table(
         terminal="Calibrate it, or give --error, as gyro.scale=1e-3.",
     ),
     large_angles=Kind(
-        CAUTION, "The attitude error reaches {angle:.2g}, where errors no longer add up.", limits=(math.radians(10),),
+        CAUTION, "The attitude error reaches {angle:.3g}, where errors no longer add up.", limits=(math.radians(10),),
         # sine and angle differ by 0.5 % there
     ),
 )  # fmt: skip

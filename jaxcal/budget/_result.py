@@ -84,7 +84,7 @@ class Budget(Result):
     def headline(self) -> str:
         """Heading at the last time of the table."""
         last = self.shown[-1]
-        return f"heading to {np.rad2deg(self.std('heading')[last]):.2g} deg after {self.time[last]:g} s ({self.motion})"
+        return f"heading to {np.rad2deg(self.std('heading')[last]):.3g} deg after {self.time[last]:g} s ({self.motion})"
 
     def number(self, group: str, place: int) -> Number:
         """The standard deviation of a group at one of the times, with its interval."""

@@ -9,7 +9,7 @@ from cyclopts import Parameter
 import jaxcal
 
 from .._answer import NOTE, tables, things_to_know
-from .._units import si_unit
+from .._units import noise_units, si_unit
 from ..export._formats import FORMATS
 from . import _options as opt
 from ._advice import not_a_calibration
@@ -111,7 +111,8 @@ def sheet(
     device = jaxcal.Calibration(noise=held, provenance={"command": f"jaxcal sheet {text!r}", "rate": "given"})
     screen, target = Screen(running.quiet), (out or Path(FILES[to])) if to else None
     targets = [path for path in (calibration, target) if path]
-    screen.lines([*said, *(f"{name} K = {k:.4g}, as much drift as B between means of {_WALK:g} s" for name, k in walks.items() if to)])
+    drift = f"a random walk that drifts as much as B between means of {_WALK:g} s"
+    screen.lines([*said, *(f"{name} K = {k:.4g} {noise_units('K', name)[-1]}, {drift}" for name, k in walks.items() if to)])
     with staged(targets, force=running.force) as places:
         if calibration:
             device.save(places[calibration])

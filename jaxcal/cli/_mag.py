@@ -21,7 +21,7 @@ from ._export import FILES
 from ._flown import each, flown, of_place
 from ._outputs import FINDINGS, File, figure, outputs, save_calibration, save_export, save_json, save_report
 from ._screen import Screen
-from ._shots import Shots, ready, shots
+from ._shots import NO_TIMES, Shots, ready, shots
 from ._work import carry_out
 
 _MICRO = 1e-6
@@ -163,7 +163,10 @@ def mag(
 def _noted(said: list[str], compass: str, log: Any) -> Any:
     """The log with notes on how the command read it, and the name of the compass of a flight."""
     named = {"quantity": f"magnetometer {compass}"} if compass else {}
-    return log._replaced(findings=(*log.findings, *(FINDINGS("read_so", said=one) for one in said)), provenance={**log.provenance, **named})
+    return log._replaced(
+        findings=(*log.findings, *(FINDINGS("no_times" if one == NO_TIMES else "read_so", said=one) for one in said)),
+        provenance={**log.provenance, **named},
+    )
 
 
 def _advise(path: Path, reading: opt.Reading, running: opt.Running, limit: float, inclination: float | None) -> None:

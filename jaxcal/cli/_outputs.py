@@ -16,6 +16,7 @@ from ._options import CallError
 
 FINDINGS = table(
     read_so=Kind(NOTE, "{said}"),
+    no_times=Kind(NOTE, "{said}"),
     not_written=Kind(NOTE, "{file} is not written: {reason}"),
 )
 #: (place to write to, results, log) -> sentences to print, if any

@@ -8,7 +8,7 @@ from ._options import CallError, Reading, in_counts, read_log
 from ._readings import column_of
 
 _SMALL = 5_000_000  # bytes
-_NO_TIMES = "there are no times, and a fit of norms needs none: the rows stand 1 s apart; give them with --rate"
+NO_TIMES = "there are no times, and a fit of norms needs none: the rows count as 1 s apart; give them with --rate"
 _COUNTS = "whole numbers without a unit are counts, and so are all results; give it with --units mag=uT"
 
 
@@ -66,6 +66,6 @@ def ready(path: Path, reading: Reading, needs_time: bool) -> tuple[Reading, list
         if log.mag is None or log.mag.shape[1] != 3 or (said and np.any(log.mag[np.isfinite(log.mag)] % 1)):
             continue
         if "no_clock" in log.codes and not needs_time:
-            return dataclasses.replace(tried, rate=1.0), [*said, _NO_TIMES]
+            return dataclasses.replace(tried, rate=1.0), [*said, NO_TIMES]
         return tried, said
     return reading, []  # reading by the command will report the reason

@@ -5,7 +5,7 @@ import re
 
 from .._answer import Message
 from .._errors import UnitError
-from .._units import find_unit, units_of
+from .._units import find_unit, noise_units, units_of
 from ._model import Noise
 
 #: spelling of data sheets -> that of the table of units, in this order
@@ -30,7 +30,7 @@ def read_sheet(text: str) -> tuple[dict[str, Noise], list[str]]:
             plain = re.sub(pattern, new, plain)
         sensor, term, value, how = _converted(plain, item.strip())
         found.setdefault(sensor, {})[term] = value
-        said.append(f"{item.strip()}: {sensor} {term} = {value:.4g}, {how}")
+        said.append(f"{item.strip()}: {sensor} {term} = {value:.4g} {noise_units(term, sensor)[-1]}, {how}")
     return {sensor: Noise(**terms) for sensor, terms in found.items()}, said
 
 
@@ -47,12 +47,12 @@ def _converted(plain: str, item: str) -> tuple[str, str, float, str]:
             if unit := find_unit(base, sensor):
                 size = value * units_of(sensor)[unit]
                 if per == "hz":
-                    return sensor, "N", size / math.sqrt(2), "a one-sided density over sqrt(2)"
+                    return sensor, "N", size / math.sqrt(2), "from a one-sided density, over sqrt(2)"
                 if per:
                     return sensor, "K", size / scale, "a random walk of the bias"
                 if matched["band"]:
-                    return sensor, "N", size / math.sqrt(2 * float(matched["band"])), "an rms in a noise bandwidth, over sqrt(2 bandwidth)"
+                    return sensor, "N", size / math.sqrt(2 * float(matched["band"])), "from an rms, over sqrt(2 bandwidth)"
                 if not matched["rms"]:
-                    return sensor, "B", size / _FLOOR, "the lowest Allan deviation over 0.664"
+                    return sensor, "B", size / _FLOOR, "from the lowest Allan deviation, which is 0.664 B"
     raise UnitError(Message("{item}: expected such as 0.3 deg/sqrt(h), 60 ug/sqrt(Hz), 2 deg/h, or 0.05 deg/s rms in 92 Hz", item=item),
                     code="sheet")  # fmt: skip

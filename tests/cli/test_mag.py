@@ -281,3 +281,11 @@ def test_a_fact_that_stands_beside_the_samples_is_no_sensor(call, folder):
     assert call("mag", "tumble.json", "--json", "a.json").status == 0
     found = json.loads((folder / "a.json").read_text())
     assert found["model"]["hard_iron"] == pytest.approx([600, 100, 0], abs=5)
+
+
+def test_readings_without_a_clock_have_no_rate(call, folder):
+    u = np.random.default_rng(0).standard_normal((300, 3))
+    np.savetxt(folder / "tumble.csv", 47 * u / np.linalg.norm(u, axis=1, keepdims=True), "%.2f", ",", header="mx,my,mz", comments="")
+    head = call("mag", "tumble.csv", "--json", "a.json").out.splitlines()[0]
+    assert "300 readings" in head
+    assert "Hz" not in head
