@@ -20,7 +20,7 @@ def sheet(call):
 
 def test_a_data_sheet_becomes_a_file_for_a_filter(call, folder, sheet):
     told = call("sheet", SHEET, "--to", "kalibr", "--rate", 400)
-    assert "gyro N = 8.727e-05, a random walk" in told.out
+    assert "gyro N = 8.727e-05 rad/sqrt(s)" in told.out
     noise = yaml.safe_load((folder / "imu.yaml").read_text())
     assert noise["update_rate"] == 400
     assert noise["gyroscope_noise_density"] == pytest.approx(np.deg2rad(0.3 / 60))
