@@ -14,7 +14,7 @@ from ._columns import AXES, SENSORS, Columns, listing, resolve
 from ._evidence import all_integer
 from ._findings import READ
 from ._mixed import refuse_mixed
-from ._names import OTHERS, Name, bracketed, is_counter, is_other, parse, unit_of
+from ._names import OTHERS, Name, bracketed, foreign, is_counter, is_other, parse, unit_of
 from ._profiles import ROS2_IMU, matching
 from ._triples import ODDS, Triple, file_kind, triples_of, weigh_values
 
@@ -134,7 +134,7 @@ def _by_odds(table: Any, columns: Columns, found: Selection, triples: list[Tripl
         ranked = [k for k, one in enumerate(whole) if one.kind == sensor]
         ranked.sort(key=lambda k: (filtered[k], -round(whole[k].odds[sensor])))
         if not ranked:
-            _by_axis(table, found, sensor)
+            _by_axis(table, found, sensor, {i for one in triples if one.kind for i in one.columns})
             continue
         first, *others = (whole[k] for k in ranked)
         found.increments += [sensor] * first.increments
@@ -144,7 +144,8 @@ def _by_odds(table: Any, columns: Columns, found: Selection, triples: list[Tripl
         if first.name is None and sensor not in first.units:
             found.why[sensor] = first.why.get(sensor, "")
             if not found.why[sensor]:
-                found.findings.append(READ("roles", which=f"{sensor} is {', '.join(table.names[i] for i in first.columns)}"))
+                which = f"{sensor} is {', '.join(table.names[i] for i in first.columns)}"
+                found.findings.append(READ("roles", (sensor,), which=which, given=_option({sensor: first.columns})))
         for i, axis in zip(first.columns, AXES, strict=True):
             found.names[i] = found.names[i] or Name(sensor, axis, first.units.get(sensor))
         others = [one for one in others if one.odds[sensor] > first.odds[sensor] - ODDS["several"] and not one.increments]
@@ -161,11 +162,17 @@ def _by_odds(table: Any, columns: Columns, found: Selection, triples: list[Tripl
             found.units["temperature"] = one.unit
 
 
-def _by_axis(table: Any, found: Selection, sensor: str) -> None:
+def _by_axis(table: Any, found: Selection, sensor: str, taken: set[int]) -> None:
     """Assign one or two axes, or three that are spelled differently."""
     axes: dict[str, int] = {}
     for i, one in enumerate(found.names):
-        if one is not None and one.axis and one.kind in (sensor, *["accel or linear"] * (sensor == "accel")) and _present(table, i):
+        if (
+            one is not None
+            and one.axis
+            and i not in taken
+            and one.kind in (sensor, *["accel or linear"] * (sensor == "accel"))
+            and _present(table, i)
+        ):
             axes.setdefault(one.axis, i)
     present = [axis for axis in AXES if axis in axes]
     if present != list(AXES[: len(present)]):
@@ -199,8 +206,7 @@ def _unclear_names(table: Any, found: Selection, triples: list[Triple]) -> DataE
     why = f"the columns {listing(names, count)} do not say which sensor they hold"
     if not likely:
         return unclear(why)
-    option = _option({one.likely: one.columns for one in likely})
-    return unclear(Message("{why}; say it, as with {option.columns:{given}}, for gyro, accel or mag", why=why, given=option))
+    return unclear(why, given=_option({one.likely: one.columns for one in likely}))
 
 
 def _option(columns: dict[str, list[int]]) -> str:
@@ -208,21 +214,22 @@ def _option(columns: dict[str, list[int]]) -> str:
     return ",".join(f"{name}={','.join(map(str, indices))}" for name, indices in columns.items())
 
 
-def unclear(why: Any, code: str = "columns_unclear") -> DataError:
-    """Error for columns that do not show which sensor they hold."""
-    return DataError(why if isinstance(why, Message) else joined_messages([why, HOW]), code)
+def unclear(why: Any, code: str = "columns_unclear", given: str = "") -> DataError:
+    """Error for columns that do not show which sensor they hold; `given` are columns to name, if some are likely."""
+    how = Message("say it, as with {option.columns:{given}}, for gyro, accel or mag", given=given) if given else HOW
+    return DataError(joined_messages([why, how]), code)
 
 
 def _by_position(table: Any, columns: Columns, found: Selection, wanted: str | None) -> None:
     """Assign columns without names: three, six or nine beside time, by their values."""
-    numeric = [i for i in range(len(table.columns)) if is_number(table, i)]
+    numeric = [i for i in range(len(table.columns)) if is_number(table, i) and not foreign(bracketed(table.names[i]))]
     time, listed = found.columns.get("time"), listing(table.names, len(table.columns))
     stamps = [i for i, one in enumerate(table.columns) if one.dtype.kind == "M" or i in table.clocks]
     if time is None and "time" not in columns and not stamps:
         rising = [i for i in numeric if increasing(table.columns[i])]
         counters = [i for i in rising if np.mean(np.diff(table.columns[i]) == 1) > 0.95] if len(rising) > 1 else []
         time = [i for i in rising if i not in counters][:1] or None
-        numeric = [i for i in numeric if i not in counters]
+        numeric = [i for i in numeric if i not in rising]
     left = [i for i in numeric if i not in (time or [])]
     if len(left) not in (3, 6, 9):
         # leave out constant columns, such as the number of a person or a sensor
@@ -243,7 +250,8 @@ def _by_position(table: Any, columns: Columns, found: Selection, wanted: str | N
     roles = _joint(triples, table)
     if not triples[0].why:
         which = ", ".join(f"{role} is {one.columns[0]}-{one.columns[-1]}" for role, one in zip(roles, triples, strict=True))
-        found.findings.append(READ("roles", which=which))
+        given = _option({role: one.columns for role, one in zip(roles, triples, strict=True)})
+        found.findings.append(READ("roles", which=which, given=given))
     found.why |= {role: why for role, one in zip(roles, triples, strict=True) if (why := one.why.get(role))}
     found.columns |= ({"time": time} if time else {}) | {role: one.columns for role, one in zip(roles, triples, strict=True)}
 
@@ -260,7 +268,8 @@ def _joint(triples: list[Triple], table: Any) -> tuple[str, ...]:
         values = [np.column_stack([table.columns[i] for i in one.columns]) for one in triples]
         whole = " of whole numbers, which look like raw counts," if all(map(all_integer, values)) else ""
         why = f"the values of {len(triples)} times three columns{whole} do not show gravity, a field and rates clearly enough"
-        raise unclear(f"{listing(table.names, len(table.columns))}: {why}", "no_gravity" if len(triples) > 1 else "counts")
+        given = _option({role: one.columns for role, one in zip(best, triples, strict=True)})
+        raise unclear(f"{listing(table.names, len(table.columns))}: {why}", "no_gravity" if len(triples) > 1 else "counts", given)
     return best
 
 

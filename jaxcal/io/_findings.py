@@ -11,7 +11,7 @@ READ = table(
     read_as=Kind(NOTE, "{where}, {unit}{why}.", _OVERRIDE),
     assumed=Kind(CAUTION, "A guess: {where}, {unit}{why}.", _OVERRIDE, guess=True),
     roles=Kind(CAUTION, "A guess from the size of the values, since no name says so: {which}.",
-               "If that is wrong, say which is which, as in {option.columns:gyro=1:3,accel=4:6}.", guess=True),
+               "If that is wrong, say which is which, as in {option.columns:{given}}.", guess=True),
     rate_stated=Kind(NOTE, "The rate is {rate:g} Hz, as {source}.", "If that is wrong: {option.rate:HZ}."),
     rate_of_name=Kind(CAUTION, "A guess: the rate is {rate:g} Hz, as the file's name says; there is no time column.",
                       "If that is wrong: {option.rate:HZ}.", guess=True),

@@ -173,9 +173,6 @@ def gyro_unit(values: np.ndarray, stated: str | None, where: str, turns: _eviden
     if _evidence.all_integer(values):
         raise undecided("gyro", "all values are whole numbers", values, "deg/s")
     other = {"rad/s": "deg/s", "deg/s": "rad/s"}
-    if like := keeps_length(values):
-        remedy = "name them with {option.columns:accel=...}, or read them all the same with {option.units:gyro=deg/s}"
-        raise UnitDoubtError(f"{like}, as gravity does and a rate does not: these columns hold an accelerometer", remedy, "accel_as_gyro")
     if not _allowed("gyro", largest):
         remedy = "give the unit, or the size of one count, as in {option.units:gyro=mdeg/s}"
         raise UnitDoubtError(f"the unit of gyro cannot be told: it reaches {largest:.4g}, too much for deg/s", remedy, "unit_unknown")
@@ -219,7 +216,7 @@ def keeps_length(values: np.ndarray) -> str | None:
     middle = float(np.median(lengths))
     turned = float(np.linalg.norm(np.mean(seen / lengths[:, None], axis=0)))
     if fitting("accel", middle) and turned < 0.9 and float(np.std(lengths)) < 0.15 * middle:
-        return f"the columns that are called those of the gyroscope turn, but keep the length {middle:.4g}"
+        return f"the columns that are called those of the gyroscope turn, but keep the length {middle:.4g}, as gravity does"
     return None
 
 

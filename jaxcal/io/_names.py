@@ -30,12 +30,12 @@ _WORDS = {
         "angularvelocity|angvelocity|angvel|angularvel|angularrate|angrate|anglerate|angularspeed|rate|rates|rotationrate|rotrate|"
         "rotationspeed|turnrate|rateofturn|drehrate|drehgeschwindigkeit|winkelgeschwindigkeit|vitesseangulaire|velocidadangular|"
         "hoeksnelheid|jiroskop|zyroskop|gyroskooppi|kulmanopeus|predkosckatowa|acsalhz|vinkelhastighet|"
-        "velocitaangolare|velocidadeangular|wrss|av|as|wb|gyrounfiltered|deltarate|pqr|rot|gyrorot|gyroscoperot|angvels|wibb|omegaibb"
+        "uhlovarychlost|szogsebesseg|kecepatansudut|vitezaunghiulara|velocitaangolare|velocidadeangular|wrss|av|as|wb|gyrounfiltered|deltarate|pqr|rot|gyrorot|gyroscoperot|angvels|wibb|omegaibb"
     ),
     "accel": (
         "a|ac|acc|acce|accl|accel|accelero|accelerometer|accelerometers|acceleration|accelerations|accelerometeracceleration|f|gf|gforce|fb|"
         "specificforce|sf|totalacceleration|totalacc|accelerationincludinggravity|accelerationwithg|beschleunigung|beschl|"
-        "beschleunigungssensor|beschleunigungmitg|versnelling|ivme|przyspieszenie|kiihtyvyys|zrychleni|aceleracion|acelerometro|accelerazione|accelerometro|aceleracao|acelerometro|arss|"
+        "beschleunigungssensor|beschleunigungmitg|versnelling|ivme|przyspieszenie|kiihtyvyys|zrychleni|gyorsulas|percepatan|acceleratie|aceleracion|acelerometro|accelerazione|accelerometro|aceleracao|acelerometro|arss|"
         "properacceleration|fibb"
     ),
     # this name means opposite things in ROS and phyphox; the values decide whether gravity is included
@@ -58,7 +58,8 @@ _WORDS = {
     # increments over a sampling period
     "d gyro": "dtheta|dangle|deltaangle|deltatheta|dang|dphi",
     "d accel": "dv|dvel|deltavelocity|deltav|deltavel|dvelocity",
-    "motion": "pos|position|p|vel|velocity|speed|v|lat|lon|latitude|longitude|alt|altitude|height|dist|displacement|trans|translation|d|s",
+    "motion": "pos|position|p|vel|velocity|speed|v|lat|lon|latitude|longitude|alt|altitude|height|dist|displacement|trans|translation|d|s|"
+        "vg",
 }  # fmt: skip
 _KINDS = {kind: frozenset(words.split("|")) for kind, words in _WORDS.items()}
 _MEASURED = ("gyro", "accel", "mag", "temperature")
@@ -69,7 +70,7 @@ _TIME = _words(
     "timestampsince loggingtime gpstow tow gpstime rostime hosttime phonetime phonetimestamp localtime rtc chiptime recordtime "
     "recordingtime logtime boottime timestampunix timeunix samplingtime timestampsample acquisitiontime runtime uptime relativetime "
     "reltime abstime absolutetime measurementtime timeboot timesincereset timetag gpssow sow timeofday timeofweek monotonictime "
-    "starttime timestart timesample wallclock sensortimestamp loggingtimestamp motiontimestamp imutime imutimestamp timeimu"
+    "waktu timp ido starttime timestart timesample wallclock sensortimestamp loggingtimestamp motiontimestamp imutime imutimestamp timeimu"
 )
 _TIME_UNITS = {
     "s": "s", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sekunden": "s", "ms": "ms", "msec": "ms", "msecs": "ms",
@@ -104,6 +105,8 @@ _CHANGING = _words(
 )
 #: words in other scripts, in the order of the search
 OTHER_SCRIPTS = {
+    "\u03c9": "omega ", "\uc9c0\uc790\uae30": "mag", "\uc790\uae30\uc7a5": "mag", "\u78c1\u5834": "mag",
+    "\u03b5\u03c0\u03b9\u03c4\u03ac\u03c7\u03c5\u03bd\u03c3\u03b7": "acc", "\u03c7\u03c1\u03cc\u03bd\u03bf\u03c2": "time",
     "\u52a0\u901f\u5ea6": "acc", "\u89d2\u901f\u5ea6": "gyro", "\u9640\u87ba\u4eea": "gyro", "\u30b8\u30e3\u30a4\u30ed": "gyro",
     "\u78c1\u573a": "mag", "\u78c1\u529b": "mag", "\u5730\u78c1\u6c17": "mag", "\u65f6\u95f4": "time", "\u6642\u9593": "time",
     "\u6642\u523b": "time", "\u6e29\u5ea6": "temperature", "\u89d2\u5ea6": "angle", "\u56db\u5143\u6570": "quat",
@@ -253,6 +256,17 @@ def unit_in(inside: str | None, kind: str) -> str | None:
         return None
     # gyro_rad and gyro [deg] mean rates, also of angles that are differenced
     return unit_of(inside + "/s" * (kind == "gyro" and inside in ("deg", "rad")), quantity_of(kind))
+
+
+#: units of other quantities, which no sensor here has
+_FOREIGN = re.compile(
+    r"[munk]?(?:v|volts?|a|amps?|n|nm|pa|bar|ohm|w|hz|l|pct)|%|[kcm]?m|km/h|mph|kn|rpm|dbm?|lux|[\u00b5u]?s/cm|bpm|ppm", re.IGNORECASE
+)
+
+
+def foreign(unit: str | None) -> bool:
+    """Whether a unit in a header is that of another quantity, such as V or hPa."""
+    return bool(unit and _FOREIGN.fullmatch(unit))
 
 
 def quantity_of(kind: str) -> str:

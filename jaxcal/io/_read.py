@@ -253,6 +253,8 @@ def opened(path: pathlib.Path, given: Asked) -> Iterator[tuple[Table | Signals, 
         digest = pool.submit(fingerprint, sources)
         found = _parse(kind, sources, topics, options)
         size, sha256 = digest.result()
+    if isinstance(found, Table):
+        found.stem = found.stem or sources[0].stem
     name = shown(sources[0] if len(sources) == 1 and path.is_dir() else path)
     yield found, {"file": name, "size": size, "sha256": sha256, "format": kind}
 

@@ -17,7 +17,7 @@ DAY = factor("d", "time")
 _HYPOTHESES = (
     *(("", unit, -np.inf, np.inf) for unit in SECONDS), *(("since 1970", unit, 1e9 / size, 4e9 / size) for unit, size in SECONDS.items()),
     ("in Modified Julian Dates", "mjd", 40_000.0, 100_000.0), ("in Windows", "1e-7 s", 1.25e17, 1.6e17),
-    ("in .NET", "1e-7 s", 6.3e17, 6.7e17), ("in MATLAB", "d", 7.3e5, 7.7e5),
+    ("in .NET", "1e-7 s", 6.3e17, 6.7e17), ("in MATLAB", "d", 7.3e5, 7.7e5), ("in Julian Dates", "d", 2.4e6, 2.5e6),
 )  # fmt: skip
 #: decimal logarithm of odds above which a clock is no guess: another unit would be less than one in a hundred
 _SURE = 2.0

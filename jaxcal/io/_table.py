@@ -262,10 +262,13 @@ def _units(
         try:
             if stated is None:
                 _refuse_unknown_unit(name, first)
+                if name == "gyro" and (like := _guess.keeps_length(values[name])):
+                    said = "{like}: name them with {option.columns:accel={at}}, or read them all the same with {option.units:gyro=deg/s}"
+                    raise DataError(Message(said, like=like, at=_spelled(found.columns[name], ":", ",")), code="accel_as_gyro")
             guesses[name] = _unit(name, values[name], stated, where, period, turns, name in units, signals.findings)
         except DataError as error:
-            if name in found.guessed and len(raw) > 1 and ((name == "mag" and stated is None) or name == "temperature"):
-                # leave it out: the other sensors can be used without a field or temperature
+            apart = (name == "mag" and stated is None) or name == "temperature" or getattr(error, "code", "") == "gravity_free"
+            if name in found.guessed and len(raw) > 1 and apart:  # the other sensors can be used without it
                 signals.findings.append(READ("left_out", name, why=getattr(error, "why", error), quantity=name))
             else:
                 problems.append(error)

@@ -10,7 +10,7 @@ import numpy as np
 from . import _guess
 from ._columns import SENSORS
 from ._evidence import all_integer, counts_hint, field_size, median_norm, spread
-from ._names import AXES, Name, bracketed, described, is_other, placed, unit_in, words_of
+from ._names import AXES, Name, bracketed, described, foreign, is_other, placed, unit_in, words_of
 from ._readers._bounds import PIECE
 
 #: words for the axes x, y and z, and whether only rates are called so
@@ -28,7 +28,7 @@ _FILES = {
     "attitude": r"orientation|attitude|euler|quat",
     "gyro": r"gyro|gyr(?![a-z])|angular_?vel|rotation_?rate|drehrate",
     "accel": r"acc(?![a-z])|accel|beschleunigung|specific_?force",
-    "mag": r"mag(?![a-z])|magnet|compass",
+    "mag": r"mag(?![a-z])|magn|compass",
 }
 
 
@@ -92,6 +92,10 @@ def triples_of(table: Any, names: list[str], known: dict[int, Name], wanted: str
             found.append(one)
     # a column belongs to the set of which its name says most
     found.sort(key=lambda one: -max(one.odds.values()))
+    for one in [one for one in found if one.name is None and one.odds["gyro"] >= ODDS["name"]]:
+        # beside acceleration of another name, gx is a rate
+        one.odds["accel"] *= not any(other.name and other.kind == "accel" for other in found)
+        one.name = Name("gyro", "x", one.units.get("gyro")) if one.kind == "gyro" else None
     taken: set[int] = set()
     kept = [one for one in found if not taken & set(one.columns) and not taken.update(one.columns)]
     return sorted(kept, key=lambda one: one.columns)
@@ -100,7 +104,7 @@ def triples_of(table: Any, names: list[str], known: dict[int, Name], wanted: str
 def _weigh(one: Triple, table: Any, names: list[str], meaning: Name | None, key: tuple[Any, ...], wanted: str | None) -> None:
     """Set the odds of each sensor, and of none, for three columns."""
     one.odds = dict.fromkeys((*SENSORS, "linear", "other"), 0.0)
-    inside = bracketed(names[one.columns[0]])
+    inside = next(filter(None, (bracketed(names[i]) for i in one.columns)), None)  # often only the last axis has the unit
     if meaning is not None:
         kind, says, unit = meaning.kind, "device", meaning.unit
         one.name = meaning
@@ -115,7 +119,7 @@ def _weigh(one: Triple, table: Any, names: list[str], meaning: Name | None, key:
             kind, says, inside = kind[2:], "part of the name", "m/s^2" if inside == "m/s" else inside
         if turning and kind != "gyro":
             kind, says = "other", "name"
-        elif said:
+        elif said and words != ["g"]:
             one.name = Name(kind, "x", unit)
         elif is_other(names[one.columns[0]]):
             kind, says = "other", "name"
@@ -123,10 +127,14 @@ def _weigh(one: Triple, table: Any, names: list[str], meaning: Name | None, key:
     one.odds[sensor] += ODDS[says] if kind else 0.0
     if says == "name" and sensor in ("linear", "other"):
         return
+    if one.name is None and kind == "gyro" and words == ["g"]:
+        one.odds["accel"] += ODDS["part of the name"]  # G(x) is the acceleration of an app, and gx the rate of a sketch
+    if foreign(inside):
+        one.odds["other"] += ODDS["unit"]
     units = {kind: found for kind in SENSORS if (found := unit if unit and kind == sensor else unit_in(inside, kind))}
     one.units = units if inside not in ("g", "mg") or sensor == "mag" else {k: u for k, u in units.items() if k != "mag"}
     for kind in SENSORS:
-        one.odds[kind] += ODDS["unit"] * ((kind in one.units) - (bool(one.units) and kind not in one.units)) if inside else 0.0
+        one.odds[kind] += ODDS["unit"] * ((kind in one.units) - (bool(one.units) and kind not in one.units)) if inside or unit else 0.0
     weigh_values(one, table, wanted)
 
 
@@ -145,8 +153,15 @@ def weigh_values(one: Triple, table: Any, wanted: str | None, *, nameless: bool 
     # the length of a rate changes more than that of gravity or a field
     sure = ODDS["values"] + 0.5 * min(2.0, -np.log10(max(steady, 1e-9)))
     radius, how = field_size(values)
-    heavy = steady < 0.5 and bool(_guess.fitting("accel", median_norm(values), 1) or counts_hint("accel", values))
-    field = steady < 0.9 and bool(_guess.fitting("mag", radius)) and (nameless or how == "sphere radius")
+    # where the name says rate, the length must be that of gravity and not nearly so
+    nearly = int(one.odds["gyro"] <= one.odds["accel"])
+    heavy = steady < 0.5 and bool(_guess.fitting("accel", median_norm(values), nearly) or counts_hint("accel", values))
+    field = (
+        steady < 0.9
+        and not (nameless and all_integer(values))
+        and bool(_guess.fitting("mag", radius))
+        and (nameless or how == "sphere radius")
+    )
     one.odds["accel"] += heavy * sure
     one.odds["mag"] += field * (sure if how == "sphere radius" else 1.0)
     # without names, what is like neither gravity nor a field is a rate

@@ -94,7 +94,7 @@ def turns(*kinds):
 
 
 REFUSED = {
-    "a sensor in three lines": (turns("Accel X: {0} Y: {1} Z: {2}\n", "Temp: {0}\n"), "several_kinds"),
+    "a sensor in three lines": (turns("Accel X: {0} Y: {1} Z: {2}\n", "Temp: {0}\n"), "no_rate"),
     "messages of a flight log": (turns("IMU, {0}, {1}, {2}\n", "ATT, {0}, {1}\n"), "several_kinds"),
     "a time above each sample": (
         "".join(f"12:00:{int(t):02d}\n{a[0]} {a[1]} {a[2]}\n" for t, a in zip(TIME, ACCEL, strict=True)), "rows_left_out"),

@@ -163,7 +163,9 @@ def taking_turns(head, middle):
 REFUSED = {
     "two devices in turn": ("log.csv", lambda: taking_turns("timestamp,sensor_id,ax,ay,az", "01"), "mixed"),
     "two addresses in turn": ("log.csv", lambda: taking_turns("timestamp,mac,ax,ay,az", ("d4:22", "d4:23")), "mixed"),
-    "gravity under the name of a rate": ("log.csv", lambda: table("time_s,gx,gy,gz", cells(TIME), cells(ACCEL / G)), "accel_as_gyro"),
+    "gravity under the name of a rate": (
+        "log.csv", lambda: table("time_s,gyro_x,gyro_y,gyro_z", cells(TIME), cells(ACCEL / G)), "accel_as_gyro"
+    ),
     "millidegrees without a unit": ("log.csv", lambda: table("time_s,gx,gy,gz", cells(TIME), cells(GYRO / DEG * 1e3)), "unit_unknown"),
     "a relative magnetometer alone": (
         "log.csv", lambda: table("time_s,Mag X (a.u.),Mag Y (a.u.),Mag Z (a.u.)", cells(TIME), cells(MAG / 5e-5)), "unit_unknown"

@@ -10,16 +10,19 @@ import re
 from collections.abc import Callable
 
 from ..._errors import DataError
-from .._names import AXES
+from .._names import AXES, parse_name
 
 LOOK, SHARE = 60, 0.8
 #: a label with its number; a time at the beginning of a line, in brackets or with the arrow of a serial monitor
-_PAIR = re.compile(r"[A-Za-z\]\)][\"']?\s*[:=]\s*[-+]?\.?\d")
+_PAIR = re.compile(r"[A-Za-z\]\)][\"']?\s*(?:[:=]\s*[\[(]?|[\[(])\s*[-+]?\.?\d")
 _TIME = re.compile(r"\s*\[?((?:\d{4}-\d\d-\d\d[ T])?\d\d:\d\d:\d\d[.,]\d+)\]?\s*(->)?\s*")
+#: what follows a time after which blanks or a bracket stand instead of the mark between the numbers
+_BESIDE = re.compile(r"(?:\]\s*|\s+)[^\s,;]+(?:, ?[^\s,;]+)+\s*")
 #: the beginning of a line of the log of ESP-IDF, with the time in ms
 _ESP = re.compile(r"\s*[EWIDV] \((\d+)\) [\w.-]+:\s*")
 #: numbers in brackets, as Python writes a list
 _LIST = re.compile(r"\"?[\[(]\s*([-+]?\.?\d[^\[\]()\"]*?)\s*[\])]\"?")
+_LABELLED = re.compile(r"[A-Za-z][^\[(,;|\d]{0,20}[\[(]\s*[-+]?\.?\d")
 #: a field of a message as `rostopic echo` prints it, and fields that tell such messages
 _FIELD = re.compile(r"( *)(\w+): *(\S*)\s*$")
 _MESSAGE = re.compile(r"^ *(?:angular_velocity|linear_acceleration|magnetic_field):", re.MULTILINE)
@@ -33,11 +36,14 @@ def relabelled(text: str) -> Callable[[str], str] | None:
     """Return a function that converts such text to a table; None for text of another form."""
     lines = [line for line in text.split("\n", LOOK + 1)[: LOOK + 1] if line.strip()][:LOOK]
     lines = [re.sub(r"\s{3,}", "  ", line) for line in lines]  # runs of blanks would take long
+    turn = _turn(lines)
+    if turn:
+        return lambda text: _as_table(_joined(text, turn))
     if sum(line.strip() == "---" for line in text.split("\n", 2000)[:2000]) > 1 and _MESSAGE.search(text[:20_000]):
         return _echoed
     if (header := _listed(lines)) is not None:
-        return lambda text: "\n".join([*header, *(_LIST.sub(_spread, line) for line in text.split("\n")[bool(header) :])])
-    arrows = sum(bool((match := _TIME.match(line)) and match[2]) for line in lines)
+        return lambda text: "\n".join([*header, *(_spread(line) for line in text.split("\n")[bool(header) :])])
+    arrows = sum(bool((match := _TIME.match(line)) and (match[2] or _BESIDE.fullmatch(line[match.end(1) :]))) for line in lines)
     pairs = sum(len(_PAIR.findall(_ESP.sub("", _TIME.sub("", line, 1), 1))) > 1 for line in lines)
     if len(lines) < 5 or max(arrows, pairs) < SHARE * len(lines):
         return None
@@ -62,6 +68,32 @@ def relabelled(text: str) -> Callable[[str], str] | None:
         return "\n".join(out)
 
     return table
+
+
+def _turn(lines: list[str]) -> list[str]:
+    """The labels before the first number of lines that hold a sample together, one after the other; none of other lines."""
+    kinds = [match[1] if _PAIR.search(line) and (match := _WORD.match(line)) else "" for line in lines]
+    turn = list(dict.fromkeys(kinds))
+    if "" in turn or not 1 < len(turn) < 20 or len(kinds) <= 2 * len(turn):
+        return []
+    return turn if kinds == list(itertools.islice(itertools.cycle(turn), len(kinds))) else []
+
+
+def _joined(text: str, turn: list[str]) -> str:
+    """The lines of a sample in one line."""
+    rows: list[list[str]] = []
+    for line in text.split("\n"):
+        kind = match[1] if (match := _WORD.match(line)) else ""
+        if kind == turn[0]:
+            rows.append([])
+        if rows and kind == turn[min(len(rows[-1]), len(turn) - 1)]:
+            rows[-1].append(line.strip())
+    return "\n".join(" | ".join(row) for row in rows if len(row) == len(turn)) + "\n"
+
+
+def _as_table(text: str) -> str:
+    table = relabelled(text)
+    return table(text) if table else text
 
 
 def _echoed(text: str) -> str:
@@ -92,14 +124,15 @@ def _listed(lines: list[str]) -> list[str] | None:
     names = [field.strip().strip('"') for field in lines[0].split(",")]
     fields = _LIST.sub("\0", lines[1]).split(",")
     if lists[0] or len(names) != len(fields):
-        return []
+        return None if _LABELLED.search(lines[1]) else []
     widths = iter(lists[1])
     spread = [(name, next(widths) if "\0" in field else 1) for name, field in zip(names, fields, strict=True)]
     return [",".join(f"{name}_{AXES[k] if width == 3 else k}" if width > 1 else name for name, width in spread for k in range(width))]
 
 
-def _spread(match: re.Match[str]) -> str:
-    return ",".join(part.strip() for part in match[1].split(","))
+def _spread(line: str) -> str:
+    """A line with the numbers of its lists as fields, also where nothing but blanks stands between two lists."""
+    return _LIST.sub(lambda match: ",".join(part.strip() for part in match[1].split(",")), re.sub(r"(?<=[\])])\s+(?=[\[(])", ",", line))
 
 
 def refuse_kinds(lines: list[str]) -> None:
@@ -117,6 +150,8 @@ def refuse_kinds(lines: list[str]) -> None:
     widths = {len(re.split("[,;\t ]+", line)) for _, line in found}
     if len(widths) == 1 and not sensors and not all(kind.rstrip().endswith((":", "=")) for kind in kinds):
         return
+    if len(widths) == 1 and all(kind.rstrip().endswith((",", ";")) for kind in kinds):
+        return  # a column of words, which `by_sensor` and `refuse_mixed` judge
     kind = sensors[0] if sensors else kinds.most_common(1)[0][0]
     word = re.sub(r"([\\/.*$^\[\]])", r"\\\1", kind)
     labelled = len(_PAIR.findall(next(line for one, line in found if one == kind))) > 1
@@ -147,6 +182,8 @@ def _names(form: tuple[str, ...]) -> list[str]:
     group, place = "", 0
     for before, after in itertools.pairwise(form[1:]):
         label = re.sub(r"^\W+|(?<![^\w\])])[^\w\])]+$", "", re.split(r"[,;|]", before)[-1])
+        if parse_name(label) is None and parse_name(last := label.split(" ")[-1]):
+            label = last
         if not re.search(r"[A-Za-z]", label):
             place += 1
             label = f"{group}_{AXES[place]}" if group and place < 3 else ""

@@ -1,16 +1,15 @@
-"""Convert text that known programs write to a line of names and lines of numbers: ArduPilot, LabVIEW, VectorNav, labels in turn."""
+"""Convert text that known programs write to a line of names and lines of numbers: ArduPilot, LabVIEW, VectorNav."""
 
 import itertools
 import re
 from collections.abc import Callable
 
-from .._names import LONGEST, parse_name
+from .._names import parse_name
 from ._labelled import LOOK, SHARE
 
 #: names of the fields of messages that hold their readings in a fixed order
 _IMU = "MagX [G],MagY [G],MagZ [G],AccX [m/s^2],AccY [m/s^2],AccZ [m/s^2],GyrX [rad/s],GyrY [rad/s],GyrZ [rad/s]"
 _SENTENCES = {"$VNYMR": f"Yaw,Pitch,Roll,{_IMU}", "$VNIMU": f"{_IMU},Temperature [degC],Pressure"}
-_LABEL = re.compile(r"\s*([A-Za-z][\w .]*?)\s*[:=]\s*([-+]?\d*\.?\d+(?:[eE][-+]?\d+)?)\s*\S{0,5}")
 
 
 def of_program(text: str) -> Callable[[str], str] | None:
@@ -24,16 +23,6 @@ def of_program(text: str) -> Callable[[str], str] | None:
     if sentence:
         kept = re.compile(rf"{re.escape(sentence)},(.*)\*[0-9A-Fa-f]+")
         return lambda text: "\n".join([_SENTENCES[sentence], *(match[1] for line in text.split("\n") if (match := kept.match(line)))])
-    # a long line of blanks would take long
-    labels = [match[1] if len(line) < LONGEST and (match := _LABEL.fullmatch(line)) else "" for line in lines]
-    turn = list(dict.fromkeys(labels))
-    if (
-        2 < len(turn) < 20
-        and "" not in turn
-        and len(labels) > 2 * len(turn)
-        and labels == list(itertools.islice(itertools.cycle(turn), len(labels)))
-    ):
-        return lambda text: _in_turn(text, turn)
     return None
 
 
@@ -61,16 +50,3 @@ def _labview(text: str) -> str:
     # the last column holds comments, and is empty in most rows
     width = len(named) + 1
     return rate + header + "\n".join("\t".join(row.split("\t")[(not timed) : width]) for row in rows)
-
-
-def _in_turn(text: str, turn: list[str]) -> str:
-    """A table of lines of which each holds one number after its label."""
-    row: dict[str, str] = {}
-    out = [",".join(turn)]
-    for line in text.split("\n"):
-        if len(line) < LONGEST and (match := _LABEL.fullmatch(line)):
-            row[match[1]] = match[2]
-            if match[1] == turn[-1]:
-                out += [",".join(row[one] for one in turn)] * (len(row) == len(turn))
-                row = {}
-    return "\n".join(out) + "\n"

@@ -41,7 +41,7 @@ _DATE = re.compile(
 )
 _DAY_ALONE, _CLOCK = re.compile(_DAY), re.compile(rf"\[?{_TIME_OF_DAY}\]?")
 _ANY = re.compile("|".join(f"(?:{form.pattern})" for form in (_NUMBER, _COMMA_NUMBER, _DATE, _DAY_ALONE, _CLOCK)), re.IGNORECASE)
-_WORDS = re.compile(r"(?!nan|null|none|n/a)[A-Za-z][\w #]*:?$", re.IGNORECASE)
+_WORDS = re.compile(r"(?!nan|null|none|n/a)[A-Za-z][\w #-]*:?$", re.IGNORECASE)
 #: kinds of text columns that are converted to time stamps
 STAMPS = ("date", "day", "clock")
 _LOOK = 500
@@ -239,6 +239,11 @@ def sniff(text: str) -> Layout:
         shown = next((line.strip() for line in lines if line.strip()), "")
         counts = any(re.fullmatch(r"[^a-zA-Z]*(?:[,;\s]*-?0x[\da-fA-F]+)+[,;\s]*", line.strip()) for line in lines[:100] if len(line) < 500)
         hexadecimal = "; numbers such as 0x1F are hexadecimal: write them as signed decimal ones" if counts else ""
+        if (
+            sum(re.search(r"\d [^\d\s,;]+ *[,;\t]", line) is not None for line in lines[:100] if len(line) < HEAD >> 8)
+            > len(lines[:100]) / 2
+        ):
+            hexadecimal = "; a unit stands beside each number: remove them, as with `sed 's/\\([0-9]\\) [^,;]*/\\1/g' LOG > log.csv`"
         raise DataError(f"there are no rows of numbers; the first line is {shown[:80]!r}{hexadecimal}", code="no_rows")
     delimiter, width, found = best
     numbers = [j for j in range(width) if _kind([row[j].strip() for row in found.values()]) in ("int", "long", "float")]
@@ -334,27 +339,36 @@ def _kind(fields: list[str]) -> str:
 
 
 def _names(head: list[str], delimiter: str, width: int, trailing: bool) -> list[str] | None:
-    """Column names: the line of text above the data with the same number of fields; a line of units below it is added to the names."""
-    if head and {*re.findall(r"\w+", head[-1])} <= {"Smp", "Avg", "Max", "Min", "Std", "Tot"}:  # Campbell Scientific: how a value was made
-        head = head[:-1]
-    names = _fields(head[-1], delimiter, width) or (_fields(head[-1], delimiter, width + 1) if trailing else None) if head else None
-    names = names and names[:width]  # the name of a field that is empty in all rows goes
-    if names and len(head) > 1 and _are_units(names):
-        above = _fields(head[-2], delimiter, width)
-        if above and not _are_units(above):
-            units = [_bare(unit) for unit in names]
-            return [f"{name} [{unit}]" if unit.strip("- ") else name for name, unit in zip(above, units, strict=True)]
-    if names and len(head) > 1 and len(set(names)) < len(names) and (above := _fields(head[-2], delimiter, width)):
-        # pandas and workbooks write a line of groups above the axes, with each group named once or above every axis
-        filled, group = [], ""
-        for word in above:
-            group = word if word and not word.startswith("Unnamed") else group
-            filled.append(group)
-        joined = [f"{one}_{name}" if one and name else one or name for one, name in zip(filled, names, strict=True)]
-        if sum(parse_name(one) is not None for one in joined) > sum(parse_name(one) is not None for one in names):
-            return joined
-    # a comment can have as many words as there are columns by chance, so require a known name
-    return None if names and _is_comment(head[-1]) and not any(map(parse_name, names)) else names
+    """Column names: of the last lines above the data with its number of fields, the one with most known names, or groups above axes.
+
+    Others are lines of units, which are added to the names, of types, or of how a value was made.
+    """
+    rows = []
+    for line in head[:-5:-1]:
+        row = _fields(line, delimiter, width) or (_fields(line, delimiter, width + 1) if trailing else None)
+        # a comment can have as many words as there are columns by chance
+        if row and (_known(row[:width]) or not _is_comment(line)):
+            rows.append(row[:width])  # the name of a field that is empty in all rows goes
+        elif line is head[-1]:
+            rows.append([])
+    units = next((row for row in rows if _are_units(row)), [])
+    named = [row for row in rows if row is not units] or rows
+    forms = named + [_grouped(*pair) for pair in itertools.pairwise(named)]
+    names = max(forms, key=_known, default=[])
+    names = names if _known(names) > 1 else named[0] if named else []
+    if not units or names is units:
+        return names or None
+    return [f"{name} [{_bare(unit)}]" if _bare(unit).strip("- ") else name for name, unit in zip(names, units, strict=False)] or None
+
+
+def _known(names: list[str]) -> int:
+    return sum(parse_name(name) is not None for name in names)
+
+
+def _grouped(axes: list[str], above: list[str]) -> list[str]:
+    """Axes with their groups before them, each of which is named once or above every axis, as pandas and workbooks write them."""
+    filled = itertools.accumulate(above, lambda group, word: word if word and not word.startswith("Unnamed") else group)
+    return [f"{one}_{name}" if one and name else one or name for one, name in zip(filled, axes, strict=False)]
 
 
 def _uneven(head: list[str], delimiter: str, data: list[list[str]], width: int) -> list[str] | None:
