@@ -111,31 +111,31 @@ class Motion(eqx.Module):
         level = scipy.spatial.transform.Rotation.align_vectors(UP, up)[0].as_matrix()
         return cls(1.0 / log.rate, level @ attitude, rate, force, "log")
 
-    def cells(self, start: float, stop: float, count: int, field: Any = 0.0, first: np.ndarray | None = None) -> dict[str, np.ndarray]:
+    def table(self, field: Any = 0.0) -> np.ndarray:
+        """(n, 9 + k) entries of the attitude, and what drives the errors of a sensor. field : (3,) T, in the level frame."""
+        # the derivatives of a motion of one sample are zero
+        turn, jerk = (np.gradient(x, self.step, axis=0) if len(x) > 1 else np.zeros_like(x) for x in (self.rate, self.force))
+        body, lever = (field * np.ones(3)) @ self.attitude, skew(turn) + skew(self.rate) @ skew(self.rate)
+        attitude, still = self.attitude.reshape(-1, 9), [np.ones(len(body)), np.zeros(len(body))]  # the second is the time
+        return np.column_stack([attitude, *still, self.rate, self.force, turn, jerk, body, lever.reshape(-1, 9)])
+
+    def cells(self, start: float, stop: float, count: int, table: np.ndarray, first: np.ndarray | None = None) -> dict[str, np.ndarray]:
         """Means over `count` cells of time: attitude times each driver, outer products of its columns, specific force; and of the drivers.
 
         Parameters
         ----------
         start, stop : s.
-        field : (3,) T, in the level frame.
+        table : from `table`.
         first : (3, 3) rotation that is applied to the level frame; None for none.
         """
         parts = max(1, round((stop - start) / count / self.step))
         time = start + (np.arange(count * parts) + 0.5) * (stop - start) / (count * parts)
-        place = np.minimum((time / self.step).astype(int), len(self.rate) - 1)
-        moving = len(self.rate) > 1  # the derivatives of a motion of one sample are zero
-        turn, jerk = (np.gradient(x, self.step, axis=0) if moving else np.zeros_like(x) for x in (self.rate, self.force))
-        body, lever = (
-            np.swapaxes(self.attitude, 1, 2) @ (field * np.ones(3)),
-            (skew(turn) + skew(self.rate) @ skew(self.rate)).reshape(-1, 9),
-        )
-        still = [np.ones(len(body)), np.zeros(len(body))]  # the second is the time
-        driver = np.column_stack([*still, self.rate, self.force, turn, jerk, body, lever])[place].reshape(count, parts, -1)
-        driver[..., 1] = time.reshape(count, parts)
-        attitude = (self.attitude if first is None else first @ self.attitude)[place].reshape(count, parts, 3, 3)
-        turned = np.swapaxes(attitude.reshape(count, parts, 9), 1, 2) @ driver / parts
-        columns = np.moveaxis(attitude, 3, 2)  # (count, parts, column, component)
-        outer = np.einsum("jmca,jmcb->jcab", columns, columns) / parts
-        driven = turned.reshape(count, 3, 3, -1)
+        rows = table.take(np.minimum((time / self.step).astype(int), len(table) - 1), axis=0).reshape(count, parts, -1)
+        rows[..., 9 + PLACES["time"][0]] = time.reshape(count, parts)
+        turned = (np.swapaxes(rows[..., :9], 1, 2) @ rows / parts).reshape(count, 3, 3, -1)
+        outer = np.moveaxis(np.diagonal(turned[..., :9].reshape(count, 3, 3, 3, 3), axis1=2, axis2=4), -1, 1)
+        driven = turned[..., 9:]
+        if first is not None:
+            driven, outer = np.einsum("ab,jbck->jack", first, driven), first @ outer @ first.T
         force = np.trace(driven[..., PLACES["force"]], axis1=2, axis2=3)
-        return {"driven": driven, "outer": outer, "force": force, "mean": driver.mean(axis=(0, 1))}
+        return {"driven": driven, "outer": outer, "force": force, "mean": rows[..., 9:].mean(axis=(0, 1))}

@@ -31,17 +31,18 @@ Unit = tuple[dict[int, Any], Any, Any]
 
 
 def unit_errors(
-    sensors: Sensors, motion: Motion, start: float, stop: float, sample: float, *, first: Any = None, mean: Any = None,
+    sensors: Sensors, motion: Motion, table: Any, start: float, stop: float, sample: float, *, first: Any = None, mean: Any = None,
     rest: float = 0.0, aid: float | None = None, dip: float = 0.0, field: float = 1.0, latitude: float | None = None,
 ) -> Unit:  # fmt: skip
     """The errors at the end of a span for unit coefficients.
 
+    table : `Motion.table`.
     sample : s between samples; the others as for `propagate`.
     first : turns the level frame, for the axes of the body at the start.
     mean : drivers whose part is known, as a bias.
     """
     begin = start if aid is None else max(start, stop - _SETTLED * aid)
-    cells = motion.cells(begin, stop, CELLS, field * np.array([0.0, np.cos(dip), -np.sin(dip)]), first)
+    cells = motion.cells(begin, stop, CELLS, table, first)
     a, b = dynamics(aid, dip, field, latitude)
     laws = list({id(law): law for law in (BUILT_IN["N"], *(law for _, _, law, _ in sensors.terms))}.values())
     anchors = [rest or {"K": _START * (stop - start), "B": sample}.get(law.name, 0.0) for law in laws]
@@ -141,6 +142,7 @@ def propagate(
     """
     known = sensors_of(sensors, errors, aid is not None)
     how = {"rest": rest, "aid": aid, "dip": dip, "field": field, "latitude": latitude}
+    table = motion.table(field * np.array([0.0, np.cos(dip), -np.sin(dip)]))
     shown = sorted([*(one for one in TIMES if one < motion.duration * (1 - 1e-9)), motion.duration] if at is None else map(float, at))
     low = min(_FIRST, shown[0])
     time = np.unique(
@@ -149,7 +151,7 @@ def propagate(
     begun = np.diag([initial[0], initial[0], initial[1]]) ** 2
     covariances, parts, doubts = [], [], []
     for stop in time:
-        unit = unit_errors(known, motion, 0.0, float(stop), 1 / (rate or known.rate), **how)
+        unit = unit_errors(known, motion, table, 0.0, float(stop), 1 / (rate or known.rate), **how)
         whole, each, slopes = combined(known, unit)
         if any(initial):
             own = unit[2][:, :3] @ begun @ unit[2][:, :3].T
@@ -221,26 +223,16 @@ def increments(
     ----------
     Forster, Carlone, Dellaert and Scaramuzza, IEEE Trans. Robotics 33, 2017, 1-21.
     """
-    known, mean = sensors_of(sensors, errors), motion.cells(0.0, motion.duration, 1)["mean"]
+    known, table = sensors_of(sensors, errors), motion.table()
+    mean, sample = motion.cells(0.0, motion.duration, 1, table)["mean"], 1 / (rate or known.rate)
     window = np.array([one for one in windows if one <= motion.duration * (1 + 1e-9)])
     covariances, means = [], []
     for size in window:
         found = []
         for place in np.linspace(0.0, max(motion.duration - size, 0.0) / motion.step, _STARTS if len(motion.rate) > 1 else 1).astype(int):
-            found.append(
-                combined(
-                    known,
-                    unit_errors(
-                        known,
-                        motion,
-                        place * motion.step,
-                        place * motion.step + float(size),
-                        1 / (rate or known.rate),
-                        first=motion.attitude[place].T,
-                        mean=mean,
-                    ),
-                )
-            )
+            start = place * motion.step
+            unit = unit_errors(known, motion, table, start, start + float(size), sample, first=motion.attitude[place].T, mean=mean)
+            found.append(combined(known, unit))
         covariances.append(np.stack([one[0] for one in found]))
         means.append({cause: np.mean([one[1][cause] for one in found], axis=0) for cause in found[0][1]})
     parts: Any = {cause: np.stack([one[cause] for one in means]) for cause in means[0]}
