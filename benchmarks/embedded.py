@@ -2,7 +2,7 @@
 
 python benchmarks/embedded.py [--sessions 1000] [--fuzz 1000000]
 
-The simulator shares nothing with the package. gcc is needed; arm-none-eabi-gcc and qemu-system-arm (Debian: gcc-arm-none-eabi,
+The simulator shares nothing with the package. gcc and clang are needed; arm-none-eabi-gcc and qemu-system-arm (Debian: gcc-arm-none-eabi,
 libnewlib-arm-none-eabi, qemu-system-arm) give flash, memory and instructions.
 """
 
@@ -37,13 +37,71 @@ class Mag(ctypes.Structure):
     ]  # fmt: skip
 
 
-def library(folder, *flags):
+def device():
+    """A calibration of three sensors over temperature, and with ageing of one."""
+    rng = np.random.default_rng(5)
+    near = lambda size: np.eye(3) + size * rng.standard_normal((3, 3))  # noqa: E731
+    accel = jaxcal.imu.Triad(near(0.01), 0.1 * np.ones(3))
+    gyro = jaxcal.imu.Triad(near(0.01), 1e-3 * np.ones(3), 1e-3 * rng.standard_normal((3, 3)))
+    powers = {name: size * rng.standard_normal((3, 3)) * [1, 1e-2, 1e-4] for name, size in (("accel", 1e-3), ("gyro", 1e-5))}
+    thermal = jaxcal.calibration.polynomials(25.0, -20.0, 70.0, **powers)
+    mags, names = [], [*(f"soft_iron[{i},{j}]" for i in range(3) for j in range(3)), *(f"hard_iron[{i}]" for i in range(3)), "field"]
+    for hard in (1e-6, 3e-6):
+        covariance = {"parameters": names, "values": 1e-16 * np.eye(13)}
+        mags.append({"unit": "T", "soft_iron": near(0.05), "hard_iron": hard * np.ones(3), "field": 47e-6, "covariance": covariance})
+    earlier, later = (jaxcal.Calibration(imu={"accel": accel, "gyro": gyro}, magnetometer=mag, temperature=thermal,
+                                         provenance={"date": f"2026-0{i + 1}-01"}) for i, mag in enumerate(mags))  # fmt: skip
+    return later, jaxcal.Calibration(magnetometer=earlier.magnetometer, provenance=earlier.provenance)
+
+
+STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Werror")
+#: a program that takes sessions from its input, each with its number of readings, for the sanitizers
+FUZZED = """#include "sensors.c"
+#include <stdio.h>
+int main(void) {
+  static jaxcal_mag mag;
+  uint32_t n;
+  float m[3];
+  while (fread(&n, sizeof n, 1, stdin) == 1) {
+    jaxcal_mag_begin(&mag);
+    while (n-- > 0 && fread(m, sizeof m, 1, stdin) == 1) jaxcal_mag_add(&mag, m);
+    jaxcal_mag_solve(&mag);
+    jaxcal_mag_constrained(&mag);
+  }
+  return 0;
+}
+"""
+
+
+def library(folder):
     """The code as a shared library, built with all warnings as errors."""
-    jaxcal.export.write(jaxcal.Calibration(), folder / "sensors.h", format="c", solver=True, force=True)
-    (folder / "sensors.c").write_text('#define JAXCAL_IMPLEMENTATION\n#include "sensors.h"\n')
-    command = ["gcc", "-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Werror", "-O2", "-shared", "-fPIC", *flags]
-    subprocess.run([*command, "sensors.c", "-lm", "-o", "sensors.so"], cwd=folder, check=True)
+    later, earlier = device()
+    jaxcal.export.write(later, folder / "sensors.h", format="c", solver=True, earlier=earlier, force=True)
+    (folder / "sensors.c").write_text("""#define JAXCAL_IMPLEMENTATION
+#include "sensors.h"
+void correct(const float y[9], float temperature, float days, float x[9]);
+void correct(const float y[9], float temperature, float days, float x[9]) {
+  jaxcal_correct_accel(y, temperature, days, x);
+  jaxcal_correct_gyro(y + 3, x, temperature, days, x + 3);
+  jaxcal_correct_mag(y + 6, temperature, days, x + 6);
+}
+""")
+    subprocess.run(["gcc", *STRICT, "-O2", "-shared", "-fPIC", "sensors.c", "-lm", "-o", "sensors.so"], cwd=folder, check=True)
     return ctypes.CDLL(str(folder / "sensors.so"))
+
+
+def corrections(code):
+    """Largest difference of corrected readings from those of `Calibration.correct`, relative to the largest reading of the sensor."""
+    later, rng, count = device()[0], np.random.default_rng(8), 1000
+    y = (rng.standard_normal((count, 9)) * np.repeat([10.0, 1.0, 50e-6], 3)).astype(np.float32)
+    t, x = np.linspace(-30.0, 80.0, count, dtype=np.float32), np.zeros((count, 9), dtype=np.float32)
+    for row, out, at in zip(y, x, t, strict=True):
+        code.correct(row.ctypes.data_as(ctypes.c_void_p), ctypes.c_float(at), ctypes.c_float(0.0), out.ctypes.data_as(ctypes.c_void_p))
+    sensors = {name: y[:, i : i + 3].astype(float) for name, i in (("accel", 0), ("gyro", 3), ("mag", 6))}
+    right = later.correct(jaxcal.Log(None, **sensors, temperature=t.astype(float), rate=100.0))
+    pairs = zip((right.accel, right.gyro, right.mag), np.split(x, 3, axis=1), strict=True)
+    apart = [np.abs(found - one).max() / np.abs(one).max() for one, found in pairs]
+    print("corrected readings over temperature, C beside Python, relative:", *(f"{one:.1e}" for one in apart))
 
 
 def calibrated(code, m, method="solve"):
@@ -112,7 +170,8 @@ def sessions(code, number):
         actual = np.array([off(mag.matrix, mag.bias, soft, hard) for mag, _, _, soft, hard in good])
         stated = np.rad2deg([mag.heading_error for mag, *_ in good])
         same = np.mean([("good", "weak", "refused")[mag.verdict] == moments.verdict for mag, moments, *_ in found])
-        print(f"{SCENARIOS[kind]:16} {len(found):4} {len(good):4}  {max(apart):.1e} {max(iron):.1e}  {ours / theirs:.3f}  "
+        print(f"{SCENARIOS[kind]:16} {len(found):4} {len(good):4}  {max(apart, default=0):.1e} {max(iron, default=0):.1e}  "
+              f"{ours / theirs:.3f}  "
               f"{100 * np.mean(actual > 1):.1f} %  {np.sqrt(np.mean((actual / stated) ** 2)):.2f}  {100 * same:.1f} %")  # fmt: skip
 
 
@@ -139,9 +198,9 @@ def paper(code):
     print(f"   largest difference between scenarios {apart.max():.2f} degrees (the paper: below 1)")
 
 
-def hostile(code, number):
-    """Readings of every kind: whatever comes, no number of a fit is NaN."""
-    rng, left, bad, good = np.random.default_rng(3), number, 0, 0
+def hostile(number):
+    """Sessions with readings of every kind, `number` of them."""
+    rng, left = np.random.default_rng(3), number
     kinds = (
         lambda n: rng.integers(0, 2**32, (n, 3), dtype=np.uint32).view(np.float32), lambda n: rng.uniform(-1, 1, (n, 3)),
         lambda n: rng.choice([np.inf, -np.inf, np.nan, 0, 1, 2, 3], (n, 3)), lambda n: np.full((n, 3), 3.0),
@@ -152,13 +211,26 @@ def hostile(code, number):
         n = int(rng.integers(1, 300))
         left -= n
         with np.errstate(all="ignore"):
-            m = np.asarray(kinds[rng.integers(len(kinds))](n), dtype=np.float32)
+            yield np.asarray(kinds[rng.integers(len(kinds))](n), dtype=np.float32)
+
+
+def survived(code, number, folder):
+    """Whatever comes, no number of a fit is NaN, and no compiler's sanitizer has anything to say."""
+    bad = good = 0
+    for m in hostile(number):
         for method in ("solve", "constrained"):
             mag = calibrated(code, m, method)
             numbers = [*mag.matrix, *mag.bias, mag.field, mag.noise, mag.heading_error]
             bad += np.isnan([mag.field, mag.noise, mag.heading_error]).any() or bool(mag.solved and not np.isfinite(numbers).all())
             good += mag.verdict == 0
     print(f"hostile readings: {number}, not finite {bad}, called good {good}")
+    (folder / "fuzzed.c").write_text(FUZZED)
+    told = b"".join(np.uint32(len(m)).tobytes() + m.tobytes() for m in hostile(number))
+    for compiler in ("gcc", "clang"):
+        sanitize = ("-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+        subprocess.run([compiler, *STRICT, *sanitize, "fuzzed.c", "-lm", "-o", "fuzzed"], cwd=folder, check=True)
+        subprocess.run(["./fuzzed"], cwd=folder, check=True, input=told)
+        print(f"the same under the address and undefined sanitizers of {compiler}: clean")
 
 
 def cost(folder):
@@ -189,7 +261,8 @@ if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as name:
         place = pathlib.Path(name)
         built = library(place)
+        corrections(built)
         sessions(built, asked.sessions)
         paper(built)
         cost(place)
-        hostile(library(place), asked.fuzz)
+        survived(built, asked.fuzz, place)

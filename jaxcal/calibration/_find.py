@@ -56,7 +56,7 @@ def find(folder: str | os.PathLike[str], device: str, date: Date | None = None) 
         raise DataError(f"{undated[0]} has no date in its provenance; name the file itself", code="no_date")
     if len(own) == 1 and date is None:
         return own[0][0]
-    limit = None if date is None else _moment(date, "date")
+    limit = None if date is None else moment(date, "date")
     past = [(when, path) for path, when in own if when is not None and (limit is None or when <= limit)]
     if not past:
         first = min(when for _, when in own if when is not None)
@@ -85,10 +85,10 @@ def _is_of(held: Any, device: str) -> bool:
 def _dated(document: dict[str, Any], path: pathlib.Path) -> datetime.datetime | None:
     provenance = document.get("provenance")
     date = provenance.get("date") if isinstance(provenance, dict) else None
-    return None if date is None else _moment(date, f"{path}: provenance.date")
+    return None if date is None else moment(date, f"{path}: provenance.date")
 
 
-def _moment(date: Any, what: str) -> datetime.datetime:
+def moment(date: Any, what: str) -> datetime.datetime:
     """A moment in UTC; a date without a time means its last second, so that a calibration of that day counts."""
     try:
         if isinstance(date, str):

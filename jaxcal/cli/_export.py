@@ -19,6 +19,8 @@ from ._screen import Screen, show_written
 FILES = {name: one.file for name, one in FORMATS.items()}
 #: format -> its sensors that have ids
 _IDS = {"px4": ("accel", "gyro", "mag"), "ardupilot": ("accel", "compass")}
+#: options that are files
+_FILES = {"motion": "--for", "earlier": "--earlier"}
 _CALIBRATION = Annotated[
     list[Path],
     Parameter(
@@ -61,20 +63,20 @@ def _annotation(name: str, group: Group) -> Any:
     default, right, _, help = OPTIONS[name]
     kind: Any = Literal[right] if isinstance(right, tuple) else float if name == "rate" else type(default)
     shown = "" if default in (None, False) else f" Default: {default}."
-    if name == "motion":
-        return Annotated[Path | None, Parameter(name="--for", group=group, help=help)]
+    if name in _FILES:
+        return Annotated[Path | None, Parameter(name=_FILES[name], group=group, help=help)]
     return Annotated[bool if kind is bool else kind | None, Parameter(group=group, help=help + shown, show_default=False)]
 
 
 def _write(calibration: list[Path], to: str, out: Path | None, ids: str | None, running: Plain, options: dict[str, Any]) -> None:
-    must_be_calibration(*calibration)
+    must_be_calibration(*calibration, *([options["earlier"]] if options.get("earlier") else []))
     if not calibration and not options.get("solver"):
         raise CallError("export needs a calibration, as other commands write it, or --solver", "no_calibration")
     given = ids_of(ids, _IDS.get(to, ()))
     options = {name: value for name, value in options.items() if value is not None and value is not False}
     if "random_walk" in options:
         options["random_walk"] = _walk(options["random_walk"])
-    motion = options.pop("motion", None)
+    motion, earlier = options.pop("motion", None), options.pop("earlier", None)
     try:
         checked_options(to, options)
     except jaxcal.ExportError as error:  # not the calibration: nothing was read yet
@@ -88,6 +90,8 @@ def _write(calibration: list[Path], to: str, out: Path | None, ids: str | None, 
         devices = [_with_ids(jaxcal.Calibration.load(path), given, to) for path in calibration] or [jaxcal.Calibration()]
         digest = (devices[0].provenance or {}).get("sha256") if len(devices) == 1 else ""
         replaceable(targets.values(), digest or "", force=running.force)
+        if earlier is not None:
+            options["earlier"] = jaxcal.Calibration.load(earlier)
         if motion is not None:
             options["motion"] = motion_of(motion, devices[0])
         place = places[targets[""]] if "" in targets else next(iter(places.values())).with_name(target.name)

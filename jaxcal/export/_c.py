@@ -7,95 +7,157 @@ import numpy as np
 
 from .._answer import Finding
 from .._errors import ExportError
+from .._special import NORMAL95
 from .._types import AnyArray
-from ..calibration import Calibration
-from ..imu import Triad
+from ..calibration import Calibration, difference
+from ..calibration._find import moment
+from ..imu import ThermalTriad, Triad
 from ._findings import FINDINGS
 from ._models import correction, cubics, gyro_bias, triads, unknown_field
 from ._options import Product, number
 
-_APPLY = """static inline void %sapply(const float m[3][3], const float b[3], const float y[3], float x[3]) {
-  for (int i = 0; i < 3; ++i)
-    x[i] = m[i][0] * (y[0] - b[0]) + m[i][1] * (y[1] - b[1]) + m[i][2] * (y[2] - b[2]);
-}
+_SENSOR = """
+/* {word}: bias at a temperature in degC (NAN if it is not known), days after the calibration; and y without its errors */
+static inline void {p}bias_{sensor}(float temperature, float days, float b[3]) {{
+{first}  for (int i = 0; i < 3; ++i) b[i] = {bias};
+}}
+
+static inline void {p}correct_{sensor}(const float y[3], {felt}float temperature, float days, float x[3]) {{
+  float b[3];
+  {p}bias_{sensor}(temperature, days, b);
+{then}}}
 """
+_EACH = "  for (int i = 0; i < 3; ++i)\n    for (int k = 0; k < 3; ++k) "
 
-
+_WORDS = {"accel": "accelerometer", "gyro": "gyroscope", "mag": "magnetometer"}
 _HEAD = {
     "accel": " * accel: x = matrix * (y - bias)                     m/s^2",
     "gyro": " * gyro:  x = matrix * (y - bias - g_sensitivity * a) rad/s, a = corrected accel",
     "mag": " * mag:   x = matrix * (y - bias)                     tesla",
 }
+_RANGE = ("REFERENCE", "MIN", "MAX")
 _THERMAL = """ * bias is at %sTEMPERATURE_REFERENCE_C; add coeff[0]*d + coeff[1]*d^2 + coeff[2]*d^3,
  * d = temperature - reference, temperature clipped to the valid range."""
 
 
 def write_c(calibration: Calibration, options: Any) -> Product:
-    """Write the constants of every sensor in the calibration, and the function that applies them."""
+    """Write the constants of every sensor in the calibration, and the functions that apply them."""
     said: list[Finding] = []
-    parts, p = triads(calibration), options.prefix
-    thermal = {sensor: cubics(calibration, sensor, None, said) for sensor in ("accel", "gyro")}
-    found = {sensor: _inertial(calibration, sensor, parts.get(sensor), powers, p, said) for sensor, powers in thermal.items()}
-    if calibration.magnetometer is not None:
-        found["mag"] = _magnetic(calibration, options, said)
-    if not any(found.values()) and not options.solver:
+    p, low = options.prefix, options.prefix.lower()
+    thermal = {sensor: cubics(calibration, sensor, None, said) for sensor in _HEAD}
+    aged = {} if options.earlier is None else _ageing(calibration, options.earlier, said)
+    made = {sensor: _sensor(calibration, sensor, powers, aged.get(sensor), options, said) for sensor, powers in thermal.items()}
+    found = {sensor: each for sensor, each in made.items() if each}
+    if not found and not options.solver:
         raise ExportError("a C header needs an imu, magnetometer or temperature section; this calibration has none", code="no_part")
-    about = "Sensor calibration written by jaxcal. SI units, sensor frame." if any(found.values()) else "Code for calibrations."
-    head = [f"/* {about}", *(_HEAD[name] for name, lines in found.items() if lines)]
+    about = "Sensor calibration written by jaxcal. SI units, sensor frame." if found else "Code for calibrations."
+    head = [f"/* {about}", *(_HEAD[name] for name in found)]
     ranges = []
     if any(powers is not None for powers in thermal.values()):
         head.append(_THERMAL % p)
-        limits = {"REFERENCE": "reference", "MIN": "minimum", "MAX": "maximum"}.items()
-        ranges = [f"#define {p}TEMPERATURE_{name}_C {_number(getattr(calibration.temperature, key))}" for name, key in limits] + [""]
+        limits = {
+            name: getattr(calibration.temperature, key) for name, key in zip(_RANGE, ("reference", "minimum", "maximum"), strict=True)
+        }
+        ranges = [f"#define {p}TEMPERATURE_{name}_C {literal(value, options.double)}" for name, value in limits.items()]
     guard = f"{p}CALIBRATION_H"
-    lines = [*head, " */", f"#ifndef {guard}", f"#define {guard}", "", *ranges, *(line for lines in found.values() for line in lines), ""]
-    text = "\n".join(lines) + "\n" + (_APPLY % p.lower() if any(found.values()) else "") + (_solver(p) if options.solver else "")
-    return Product(text + "\n#endif\n", said)
+    constants = [line for lines, _ in found.values() for line in lines]
+    functions = "".join(code for _, code in found.values())
+    shared = ["apply"] * bool(found) + [name for name in ("powers", "solve") if f"{low}{name}(" in functions]
+    begin = [*head, " */", f"#ifndef {guard}", f"#define {guard}", "", *ranges, *[""] * bool(ranges), *constants, ""]
+    text = "\n".join(begin) + "\n" + "".join(_code(f"{name}.h", p) for name in shared) + functions
+    text = text.replace("float", "double") if options.double else text
+    return Product(text + (_solver(p, options.double) if options.solver else "") + "\n#endif\n", said)
 
 
-def _solver(prefix: str) -> str:
-    """The code that collects readings and solves for a calibration: declarations, and behind a switch their functions."""
-    declared, made = ((pathlib.Path(__file__).parent / "_embedded" / f"sensors.{kind}").read_text(encoding="utf-8") for kind in "hc")
-    text = f"\n{declared}\n#ifdef JAXCAL_IMPLEMENTATION\n{made}#endif\n"
+def _code(file: str, prefix: str) -> str:
+    """Code with the names of a prefix."""
+    text = (pathlib.Path(__file__).parent / "_embedded" / file).read_text(encoding="utf-8")
     return text.replace("JAXCAL_", prefix.upper()).replace("jaxcal_", prefix.lower())
 
 
-def _inertial(
-    calibration: Calibration, sensor: str, part: Triad | None, powers: AnyArray | None, prefix: str, said: list[Finding]
-) -> list[str]:
+def _solver(prefix: str, double: bool) -> str:
+    """The code that collects readings and solves for a calibration: declarations, and behind a switch their functions."""
+    switch, made = "\n#ifndef {0}\n#define {0}\n#endif".format(f"{prefix.upper()}DOUBLE"), _code("sensors.c", prefix)
+    return switch * double + f"\n{_code('sensors.h', prefix)}\n#ifdef {prefix.upper()}IMPLEMENTATION\n{made}#endif\n"
+
+
+def _sensor(
+    calibration: Calibration, sensor: str, powers: AnyArray | None, aged: AnyArray | None, options: Any, said: list[Finding]
+) -> tuple[list[str], str] | None:
+    """Constants and functions of a sensor; None if nothing of it is known."""
+    part = _model(calibration, sensor, powers is not None, said)
     if part is None:
-        bias = gyro_bias(calibration) if sensor == "gyro" else None
-        if powers is None and bias is None:
-            return []
-        if bias is None:
-            bias = np.zeros(3)
-            said.append(FINDINGS("placeholder", sensor, what="bias for the thermal model", value="zero"))
-        part = Triad(np.eye(3), bias)
-    start = f"static const float {prefix}{sensor.upper()}"
-    lines = [f"{start}_MATRIX[3][3] = {_table(correction(part.matrix))};", f"{start}_BIAS[3] = {_row(part.bias)};"]
+        return None
+    p, low = options.prefix, options.prefix.lower()
+    name, own = f"{p}{sensor.upper()}", isinstance(part, ThermalTriad)
+    held = {"_MATRIX[3][3]": correction(part.matrix), "_BIAS[3]": part.bias}
+    first, bias = "", f"{name}_BIAS[i]"
     if powers is not None:
-        remark = " /* [axis][power-1] */" if sensor == "accel" else ""
-        lines.append(f"{start}_BIAS_TEMPERATURE[3][3] = {_table(powers)};{remark}")
+        held["_BIAS_TEMPERATURE[3][3]"] = powers
+        first += f"  const float d = {low}above(temperature, {', '.join(f'{p}TEMPERATURE_{x}_C' for x in _RANGE)});\n"
+        bias += f" + {low}powers({name}_BIAS_TEMPERATURE[i], 3, d)"
+    if aged is not None:
+        held["_BIAS_DAY[3]"] = aged
+        bias += f" + days * {name}_BIAS_DAY[i]"
+    felt = f"{name}_G_SENSITIVITY[i][k]"
     if sensor == "gyro":
-        lines.append(f"{start}_G_SENSITIVITY[3][3] = {_table(part.g_sensitivity)};")
-    return lines
+        held["_G_SENSITIVITY[3][3]"] = part.g_sensitivity
+    then = f"  {low}apply({name}_MATRIX, b, y, x);\n"
+    if own:  # the matrix in front of the true value is a polynomial, and its inverse is none; no range ends beyond 1000 degC
+        count, limits = len(part.bias_powers), np.clip([part.reference, part.low, part.high], -1e3, 1e3)
+        held |= {"_RANGE[3]": limits, "_FORWARD[3][3]": part.matrix}
+        held[f"_FORWARD_POWERS[3][3][{count}]"] = np.moveaxis(part.matrix_powers, 0, -1)
+        held[f"_BIAS_POWERS[3][{count}]"] = np.moveaxis(part.bias_powers, 0, -1)
+        above = f"  const float e = {low}above(temperature, {', '.join(f'{name}_RANGE[{i}]' for i in range(3))});\n"
+        first, bias = first + above, f"{bias} + {low}powers({name}_BIAS_POWERS[i], {count}, e)"
+        if sensor == "gyro":
+            held[f"_G_SENSITIVITY_POWERS[3][3][{count}]"] = np.moveaxis(part.g_sensitivity_powers, 0, -1)
+            felt = f"({felt} + {low}powers({name}_G_SENSITIVITY_POWERS[i][k], {count}, e))"
+        entry = f"m[i][k] = {name}_FORWARD[i][k] + {low}powers({name}_FORWARD_POWERS[i][k], {count}, e);\n"
+        then = f"{above}  float m[3][3];\n{_EACH}{entry}  {low}solve(m, b, y, x);\n"
+    if sensor == "gyro":
+        where = then.index("\n") + 1 if own else 0
+        then = f"{then[:where]}{_EACH}b[i] += {felt} * a[k];\n{then[where:]}"
+    unused = "".join(f"  (void){one};\n" for one, known in (("temperature", first), ("days", aged is not None)) if not known)
+    code = _SENSOR.format(word=_WORDS[sensor].capitalize(), sensor=sensor, p=low, first=first + unused, bias=bias, then=then,
+                          felt="const float a[3], " * (sensor == "gyro"))  # fmt: skip
+    remark = {
+        "_BIAS_TEMPERATURE[3][3]": " /* [axis][power-1] */", "_BIAS_DAY[3]": " /* for each day */",
+        "_RANGE[3]": " /* reference, low, high, degC */", "_FORWARD[3][3]": " /* of y = forward * x + ...; powers of degC */",
+    }  # fmt: skip
+    return [f"static const float {name}{key} = {literal(value, options.double)};{remark.get(key, '')}" for key, value in held.items()], code
 
 
-def _magnetic(calibration: Calibration, options: Any, said: list[Finding]) -> list[str]:
-    section: Any = calibration.magnetometer
-    start, model = f"static const float {options.prefix}MAG", section.model
-    lines = [f"{start}_MATRIX[3][3] = {_table(correction(model.soft_iron))};", f"{start}_BIAS[3] = {_row(model.hard_iron)};"]
-    unknown_field(calibration, said)
-    return lines
+def _model(calibration: Calibration, sensor: str, thermal: bool, said: list[Finding]) -> Triad | None:
+    """Matrix and bias of a sensor; of the thermal model alone where the calibration has no more."""
+    if sensor == "mag" and calibration.magnetometer is not None:
+        unknown_field(calibration, said)
+        return Triad(calibration.magnetometer.model.soft_iron, calibration.magnetometer.model.hard_iron)
+    part, bias = triads(calibration).get(sensor), gyro_bias(calibration) if sensor == "gyro" else None
+    if part is None and (thermal or bias is not None):
+        part = Triad(np.eye(3), np.zeros(3) if bias is None else bias)
+        said += [FINDINGS("placeholder", sensor, what="bias for the thermal model", value="zero")] if bias is None else []
+    return part
 
 
-def _number(value: float) -> str:
-    return f"{number(value)}f"
+def _ageing(later: Calibration, earlier: Calibration, said: list[Finding]) -> dict[str, AnyArray]:
+    """Sensor -> (3,) change of its bias in a day since an earlier calibration, zero on an axis where it is within its uncertainty."""
+    dates = [(one.provenance or {}).get("date") for one in (earlier, later)]
+    if None in dates or not (days := (moment(dates[1], "date") - moment(dates[0], "date")).total_seconds() / 86400) > 0:
+        raise ExportError("ageing needs two calibrations with dates in their provenance, the earlier one before the other", code="dates")
+    found = {}
+    for part in difference(earlier, later):
+        rows = [i for i, name in enumerate(part.parameters) if name.startswith(("bias", "hard iron"))]
+        change, sensor = part.change[rows], {"magnetometer": "mag"}.get(part.name, part.name)
+        sure = np.abs(change) > NORMAL95 * part.standard_error[rows]
+        if rows:
+            found[sensor] = np.where(sure, change, 0.0) / days
+            said += [] if sure.all() else [FINDINGS("no_ageing", [f"{sensor}_{'xyz'[i]}" for i in np.flatnonzero(~sure)], days=days)]
+    return found
 
 
-def _row(values: AnyArray) -> str:
-    return "{" + ", ".join(_number(float(value)) for value in values) + "}"
-
-
-def _table(rows: AnyArray) -> str:
-    return "{" + ", ".join(_row(row) for row in rows) + "}"
+def literal(values: Any, double: bool = False) -> str:
+    """A number, or an array as nested braces."""
+    if np.ndim(values):
+        return "{" + ", ".join(literal(one, double) for one in values) + "}"
+    return number(float(values), 17) if double else f"{number(float(values))}f"

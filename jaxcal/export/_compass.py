@@ -15,7 +15,7 @@ from .._errors import ExportError
 from .._units import factor
 from ..calibration import Calibration
 from ..calibration._parts import COUNTS
-from ._c import _row, _table
+from ._c import literal
 from ._findings import FINDINGS
 from ._models import correction
 from ._options import Product
@@ -31,20 +31,20 @@ def _lines(calibration: Calibration, of: Callable[[Any, Any, Any], Sequence[str]
     a, size = correction(mag.model.soft_iron), 1.0 if mag.unit == COUNTS else factor("uT", "mag")
     lost = 0.0 if kept is None else float(np.linalg.norm(a - kept(a), 2))
     said = [FINDINGS("matrix_left_out", "mag", what="the rest of the soft iron", lost=lost)] if lost > 0 else []
-    facts = ("corrected = A (reading - b), in " + ("counts" if size == 1.0 else "uT"), f"A {_table(a)}",
-             f"soft iron, the inverse of A {_table(mag.model.soft_iron)}")  # fmt: skip
+    facts = ("corrected = A (reading - b), in " + ("counts" if size == 1.0 else "uT"), f"A {literal(a)}",
+             f"soft iron, the inverse of A {literal(mag.model.soft_iron)}")  # fmt: skip
     return Product("\n".join(of(a, mag.model.hard_iron / size, mag)) + "\n", said, facts)
 
 
 def write_fusion(calibration: Calibration, options: Any) -> Product:
     """Write A and b for `FusionCalibrationMagnetic`."""
     return _lines(calibration, lambda a, b, _: (
-        f"const FusionMatrix softIronMatrix = {_row(a.ravel())};", f"const FusionVector hardIronOffset = {_row(b)};"))  # fmt: skip
+        f"const FusionMatrix softIronMatrix = {literal(a.ravel())};", f"const FusionVector hardIronOffset = {literal(b)};"))  # fmt: skip
 
 
 def write_magneto(calibration: Calibration, options: Any) -> Product:
     """Write A and b under the names that sketches give to the results of Magneto."""
-    return _lines(calibration, lambda a, b, _: (f"float M_B[3] = {_row(b)};", f"float M_Ainv[3][3] = {_table(a)};"))
+    return _lines(calibration, lambda a, b, _: (f"float M_B[3] = {literal(b)};", f"float M_Ainv[3][3] = {literal(a)};"))
 
 
 def write_inav(calibration: Calibration, options: Any) -> Product:

@@ -25,6 +25,7 @@ FINDINGS = table(
     rate_estimated=Kind(NOTE, "The rate of {rate:.6g} Hz comes from the time stamps, and {use}.", "Give {option.rate} if you know it."),
     white_alone=Kind(NOTE, "K and B are not written: a covariance holds white noise alone."),
     no_covariance=Kind(NOTE, "No N was found on some axis: {name} is not written."),
+    no_ageing=Kind(NOTE, "The change of the bias in {days:.3g} days is within its uncertainty: no ageing is written."),
     placeholder=Kind(NOTE, "The calibration holds no {what}: {value} is written."),
     frame_turned=Kind(
         CAUTION, "The frame of this file is turned by {angle:.4f} degrees from that of the calibration.",

@@ -78,6 +78,11 @@ OPTIONS = {
                         "Also the bias of the gyroscope, which the firmware learns at every start."),
     "solver": Option(False, lambda value: isinstance(value, bool), "True or False",
                      "Also the code that collects readings on the device and solves for a calibration; needs no calibration."),
+    "double": Option(False, lambda value: isinstance(value, bool), "True or False", "Double precision in place of single."),
+    "earlier": Option(
+        None, lambda one: one is None or hasattr(one, "provenance"), "a Calibration",
+        "Earlier calibration of the device: the change of a bias since then, where it is certain, goes on with the days.",
+    ),
     "prefix": Option("JAXCAL_", is_name, "the beginning of a name in C", "Prefix of the names in the header."),
 }  # fmt: skip
 
@@ -93,6 +98,7 @@ class Format(NamedTuple):
     head: str = ""  # line that stands before the first comment
     many: bool = False  # whether a file can hold several instances of a sensor
     counts: bool = False  # whether a magnetometer in counts has a place
+    warm: bool = False  # whether a matrix over temperature has a place
     readable: bool = False  # whether `read` takes it: what a device has now
 
     def function(self, name: str) -> Callable[..., Any]:
@@ -118,7 +124,7 @@ FORMATS = {
     "magneto": Format("magneto.c", "_compass", ("magnetometer",), mark="//", counts=True),
     "inav": Format("inav.txt", "_compass", ("magnetometer",), counts=True),
     "betaflight": Format("betaflight.txt", "_compass", ("magnetometer",), counts=True),
-    "c": Format("calibration.h", "_c", _FIELDS, ("prefix", "solver"), mark="//", counts=True),
+    "c": Format("calibration.h", "_c", _FIELDS, ("prefix", "solver", "double", "earlier"), mark="//", counts=True, warm=True),
     "csv": Format("calibration.csv", "_csv", ("noise", *_FIELDS), mark="", counts=True),
 }
 

@@ -34,9 +34,9 @@ def plain(value: float | int, digits: int = 9) -> str:
     return f"{value + 0.0:.{digits}g}"
 
 
-def number(value: float | int) -> str:
+def number(value: float | int, digits: int = 9) -> str:
     """Format like `plain`, but with a decimal point: "4.0e-06", because YAML readers take `4e-06` for a string."""
-    text = plain(float(value))
+    text = plain(float(value), digits)
     if "." in text:
         return text
     mantissa, exponent, power = text.partition("e")

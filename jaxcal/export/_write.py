@@ -12,6 +12,7 @@ from .._files import check_replaceable, write_atomically
 from .._message import Message
 from ..calibration import Calibration
 from ..calibration._parts import COUNTS
+from ..imu import ThermalTriad
 from ._findings import FINDINGS
 from ._formats import FORMATS, Format, checked_options, files_of
 from ._options import comment
@@ -49,7 +50,8 @@ def write(
           gyroscope, which the firmware estimates again at every start).
         - ros: `rate`.
         - c: `prefix` (of the names), `solver` (True also writes the code that collects readings of a magnetometer, accelerometer or
-          gyroscope on a microcontroller and solves for a calibration there; an empty `Calibration()` is enough).
+          gyroscope on a microcontroller and solves for a calibration there; an empty `Calibration()` is enough), `double` (True for
+          double precision), `earlier` (an earlier `Calibration` of the device, with a date: biases then go on to change as since then).
 
     Returns
     -------
@@ -146,7 +148,7 @@ def _left_out(calibration: Calibration, kind: Format, format: str) -> Iterator[F
     if calibration.magnetometer is not None and "magnetometer" not in left:
         parts = {**parts, "mag": calibration.magnetometer}
     for sensor, part in parts.items():
-        if type(part.model) is not part.base:
+        if type(part.model) is not part.base and not (kind.warm and isinstance(part.model, ThermalTriad)):
             fields = dict.fromkeys(name.partition("[")[0] for name in part.further)
             yield FINDINGS(
                 "fields_left_out", sensor, tool=format, fields=", ".join(fields) or "the formula", model=type(part.model).__name__

@@ -11,6 +11,7 @@ import yaml
 
 from jaxcal import Calibration, ExportError, Log
 from jaxcal.export import write
+from jaxcal.imu import ThermalTriad
 
 FOLDER = pathlib.Path(__file__).parent
 DOCUMENT = json.loads((FOLDER / "golden.json").read_text())
@@ -132,24 +133,13 @@ PROGRAM = r"""
 #include "calibration.h"
 int main(void)
 {
-    const float y[3][3] = {{1.0f, 2.0f, 9.5f}, {0.3f, -0.2f, 0.1f}, {20e-6f, 10e-6f, -35e-6f}};
-    float d = 50.0f - JAXCAL_TEMPERATURE_REFERENCE_C, b[2][3], x[3][3], felt;
-    for (int i = 0; i < 3; i++) {
-        const float *a = JAXCAL_ACCEL_BIAS_TEMPERATURE[i], *g = JAXCAL_GYRO_BIAS_TEMPERATURE[i];
-        b[0][i] = JAXCAL_ACCEL_BIAS[i] + a[0] * d + a[1] * d * d + a[2] * d * d * d;
-        b[1][i] = JAXCAL_GYRO_BIAS[i] + g[0] * d + g[1] * d * d + g[2] * d * d * d;
-    }
-    jaxcal_apply(JAXCAL_ACCEL_MATRIX, b[0], y[0], x[0]);
-    for (int i = 0; i < 3; i++) {
-        felt = 0.0f;
-        for (int j = 0; j < 3; j++)
-            felt += JAXCAL_GYRO_G_SENSITIVITY[i][j] * x[0][j];
-        b[1][i] += felt;
-    }
-    jaxcal_apply(JAXCAL_GYRO_MATRIX, b[1], y[1], x[1]);
-    jaxcal_apply(JAXCAL_MAG_MATRIX, JAXCAL_MAG_BIAS, y[2], x[2]);
+    const REAL y[3][3] = {{1.0, 2.0, 9.5}, {0.3, -0.2, 0.1}, {20e-6, 10e-6, -35e-6}};
+    REAL x[3][3];
+    jaxcal_correct_accel(y[0], 50, DAYS, x[0]);
+    jaxcal_correct_gyro(y[1], x[0], 50, DAYS, x[1]);
+    jaxcal_correct_mag(y[2], 50, DAYS, x[2]);
     for (int i = 0; i < 9; i++)
-        printf("%.9g ", x[i / 3][i % 3]);
+        printf("%.17g ", (double)x[i / 3][i % 3]);
     return 0;
 }
 """
@@ -165,14 +155,30 @@ def compiled(folder, program, name="main"):
     return subprocess.run([str(folder / name)], text=True, capture_output=True, check=True).stdout
 
 
-def test_the_c_header_corrects_as_python_does(golden, tmp_path):
-    write(golden, tmp_path / "calibration.h", format="c")
-    found = np.array(compiled(tmp_path, PROGRAM).split(), dtype=float).reshape(3, 3)
-    log = Log(None, **{name: np.tile(y, (3, 1)) for name, y in RAW.items()}, temperature=np.full(3, 50.0), rate=10.0)
-    right = golden.correct(log)
-    np.testing.assert_allclose(found[0], right.accel[0], rtol=2e-7)
-    np.testing.assert_allclose(found[1], right.gyro[0], rtol=4e-7)
-    np.testing.assert_allclose(found[2], right.mag[0], rtol=4e-7)
+@pytest.mark.parametrize("double", [False, True])
+@pytest.mark.parametrize("case", ["plain", "warm and aged"])
+def test_the_c_header_corrects_as_python_does(golden, tmp_path, double, case):
+    rng, imu, days, options = np.random.default_rng(2), golden.imu, 0.0, {}
+    if case != "plain":
+        parts = {}
+        for sensor, size in (("accel", 1e-2), ("gyro", 1e-4)):
+            powers = [scale * rng.standard_normal((2, *shape)) for scale, shape in ((1e-4, (3, 3)), (size, (3,)), (1e-7, (3, 3)))]
+            model = getattr(imu, sensor).model
+            parts[sensor] = ThermalTriad(model.matrix, model.bias, model.g_sensitivity, *powers, 25.0, -10.0, 45.0)
+        # the bias moves by 1 uT in 50 days on two axes; the change of x is not certain
+        mag = {"unit": "T", "soft_iron": np.eye(3), "field": 48e-6, "hard_iron": golden.magnetometer.model.hard_iron - [1e-9, 1e-6, 1e-6]}
+        names = [*(f"soft_iron[{i},{j}]" for i in range(3) for j in range(3)), *(f"hard_iron[{i}]" for i in range(3)), "field"]
+        mag["covariance"] = {"parameters": names, "values": 1e-14 * np.eye(13)}
+        imu, days = parts, 100.0
+        options["earlier"] = Calibration(magnetometer=mag, provenance={"date": "2026-01-01"})
+    device = Calibration(imu=imu, magnetometer=golden.magnetometer, temperature=golden.temperature, provenance={"date": "2026-02-20"})
+    found = write(device, tmp_path / "calibration.h", format="c", double=double, **options)
+    assert codes(found) == ({"no_ageing"} if options else set())
+    program = PROGRAM.replace("REAL", "double" if double else "float").replace("DAYS", f"{days:g}")
+    x = np.array(compiled(tmp_path, program).split(), dtype=float).reshape(3, 3)
+    aged = RAW | {"mag": RAW["mag"] - days / 50 * np.array([0.0, 1e-6, 1e-6]) * bool(options)}
+    right = device.correct(Log(None, **{name: np.tile(y, (3, 1)) for name, y in aged.items()}, temperature=np.full(3, 50.0), rate=10.0))
+    np.testing.assert_allclose(x, [right.accel[0], right.gyro[0], right.mag[0]], rtol=1e-14 if double else 1e-6)
 
 
 def test_a_c_header_of_one_sensor_and_another_prefix(golden, tmp_path):

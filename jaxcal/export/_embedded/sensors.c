@@ -401,7 +401,7 @@ int jaxcal_mag_solve(jaxcal_mag *mag) {
 /* Least squares under 4AC - B^2 = 1 (the magnetometer paper): S q = lambda C q for x^2, xy, y^2, the other seven eliminated. */
 int jaxcal_mag_constrained(jaxcal_mag *mag) {
   static const uint8_t LAST[MONOMIALS] = {3, 4, 5, 6, 7, 8, 9, 0, 1, 2};
-  jaxcal_real psi[PACKED], q[MONOMIALS], x[MONOMIALS], l[6], b[3][3] = {{0, 0, 2}, {0, -1, 0}, {2, 0, 0}}, v[3][3], ridge = 0;
+  jaxcal_real psi[PACKED], x[MONOMIALS], b[3][3] = {{0, 0, 2}, {0, -1, 0}, {2, 0, 0}}, v[3][3], ridge = 0;
   if (unusable(mag)) return mag->verdict;
   for (int round = 0; round < ROUNDS; ++round, ridge = 2 * ridge + R(TINY) / 64) {
     products(mag, 0, ridge, LAST, psi);
@@ -409,9 +409,9 @@ int jaxcal_mag_constrained(jaxcal_mag *mag) {
   }
   /* S = L L' with the last three rows of the factor, so that L^-1 C L^-T is symmetric; its one positive eigenvalue is 1 / lambda */
   for (int i = 0; i < 3; ++i)
-    for (int j = 0; j <= i; ++j) l[at(i, j)] = psi[at(7 + i, 7 + j)];
+    for (int j = 0; j <= i; ++j) x[at(i, j)] = psi[at(7 + i, 7 + j)];
   for (int side = 0; side < 2; ++side) {
-    for (int i = 0; i < 3; ++i) forward(l, b[i], 3); /* from one side; then from the other */
+    for (int i = 0; i < 3; ++i) forward(x, b[i], 3); /* from one side; then from the other */
     for (int i = 0; i < 3; ++i)
       for (int j = 0; j < 3; ++j) v[i][j] = b[j][i];
     memcpy(b, v, sizeof b);
@@ -422,11 +422,12 @@ int jaxcal_mag_constrained(jaxcal_mag *mag) {
     if (b[i][i] > b[best][best]) best = i;
   for (int i = 0; i < MONOMIALS; ++i) x[i] = i < 7 ? 0 : v[i - 7][best];
   backward(psi, x, MONOMIALS);
-  for (int i = 0; i < MONOMIALS; ++i) q[LAST[i]] = x[i];
-  normalise(q);
+  for (int i = 0; i < MONOMIALS; ++i) psi[LAST[i]] = x[i]; /* which is free now */
+  memcpy(x, psi, sizeof x);
+  normalise(x);
   /* the noise: the mean square of the residuals over its slope in the variance */
-  const jaxcal_real step = R(1) / 1024, square = residual(mag, 0, q);
-  return finish(mag, psi, q, SIZE(square * step / (square - residual(mag, step, q))));
+  const jaxcal_real step = R(1) / 1024, square = residual(mag, 0, x);
+  return finish(mag, psi, x, SIZE(square * step / (square - residual(mag, step, x))));
 }
 
 void jaxcal_faces_begin(jaxcal_faces *faces) {
