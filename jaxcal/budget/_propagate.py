@@ -88,7 +88,7 @@ def combined(sensors: Sensors, unit: Unit) -> tuple[Any, dict[str, Any], Any]:
 def propagate(
     sensors: Any, motion: Motion, *, at: Sequence[float] | None = None, rest: float = 0.0, initial: tuple[float, float] = (0.0, 0.0),
     errors: Mapping[str, Any] | None = None, aid: float | None = None, dip: float = np.deg2rad(60.0), field: float = 50e-6,
-    latitude: float | None = None, rate: float | None = None,
+    latitude: float | None = None, temperature: float | None = None, rate: float | None = None,
 ) -> Budget:  # fmt: skip
     r"""Errors of attitude, heading, velocity and position over time, with the share of each cause.
 
@@ -109,10 +109,12 @@ def propagate(
     initial : rad, standard deviations of the level (both axes) and of the heading at the start.
     errors : standard deviations of further errors, SI, by name: "gyro.bias", "gyro.scale", "gyro.misalignment", "gyro.g_sensitivity",
         "gyro.delay" (s), "gyro.drift" (rad/s^2), the same of "accel", "accel.lever" (m), "mag.hard_iron", "mag.soft_iron". One number or
-        one for each axis (row).
+        one for each axis (row). With a thermal model in the calibration also "temperature" (degC, by which its thermometer is wrong) and
+        "warming" (degC/s, by which that grows, for the biases).
     aid : s, time constant with which an accelerometer corrects the level and a magnetometer the heading, as in an AHRS; None without aid.
     dip, field : rad and T, of the Earth's field, for an aid.
-    latitude : rad, for a rotating Earth with gravity that points to its centre; None for a flat one at rest.
+    latitude : rad, for a rotating Earth, a sphere; None for a flat one at rest.
+    temperature : degC of the device, for its thermal models; by default that to which the calibration refers.
     rate : Hz of the sensors, for flicker without a rest; by default that of the calibration, or 100.
 
     Returns
@@ -140,7 +142,7 @@ def propagate(
     ----------
     D. H. Titterton and J. L. Weston, Strapdown Inertial Navigation Technology, 2nd ed., 2004, chapter 12.
     """
-    known = sensors_of(sensors, errors, aid is not None)
+    known = sensors_of(sensors, errors, temperature, aid is not None)
     how = {"rest": rest, "aid": aid, "dip": dip, "field": field, "latitude": latitude}
     table = motion.table(field * np.array([0.0, np.cos(dip), -np.sin(dip)]))
     shown = sorted([*(one for one in TIMES if one < motion.duration * (1 - 1e-9)), motion.duration] if at is None else map(float, at))
@@ -165,6 +167,7 @@ def propagate(
         time, covariance, {cause: xp.stack([one[cause] for one in parts]) for cause in parts[0]},
         {group: np.array([one[group] for one in doubts]) for group in GROUPS},
         tuple(int(np.argmin(np.abs(time - one))) for one in shown), motion.name, aid is not None,
+        known.noise,
     )  # fmt: skip
     if xp is jnp:
         return made
@@ -187,7 +190,7 @@ def _doubts(sensors: Sensors, slopes: list[Any]) -> dict[str, float]:
 @host_float64
 def increments(
     sensors: Any, motion: Motion, *, windows: Sequence[float] = (0.1, 1.0, 5.0, 20.0), errors: Mapping[str, Any] | None = None,
-    rate: float | None = None,
+    temperature: float | None = None, rate: float | None = None,
 ) -> Budget:  # fmt: skip
     r"""Noise of preintegrated increments that is really to be expected under a motion: static noise and calibration errors together.
 
@@ -202,7 +205,7 @@ def increments(
 
     Parameters
     ----------
-    sensors, motion, errors, rate : as for `propagate`.
+    sensors, motion, errors, temperature, rate : as for `propagate`.
     windows : s; those longer than the motion are left out.
 
     Returns
@@ -223,7 +226,7 @@ def increments(
     ----------
     Forster, Carlone, Dellaert and Scaramuzza, IEEE Trans. Robotics 33, 2017, 1-21.
     """
-    known, table = sensors_of(sensors, errors), motion.table()
+    known, table = sensors_of(sensors, errors, temperature), motion.table()
     mean, sample = motion.cells(0.0, motion.duration, 1, table)["mean"], 1 / (rate or known.rate)
     window = np.array([one for one in windows if one <= motion.duration * (1 + 1e-9)])
     covariances, means = [], []
@@ -237,4 +240,6 @@ def increments(
         means.append({cause: np.mean([one[1][cause] for one in found], axis=0) for cause in found[0][1]})
     parts: Any = {cause: np.stack([one[cause] for one in means]) for cause in means[0]}
     unknown: Any = dict.fromkeys(GROUPS, np.full(len(window), np.nan))
-    return Budget(window, np.stack(covariances), parts, unknown, tuple(range(len(window))), motion.name, False, tuple(known.findings))
+    return Budget(
+        window, np.stack(covariances), parts, unknown, tuple(range(len(window))), motion.name, False, known.noise, tuple(known.findings)
+    )

@@ -20,7 +20,7 @@ from .._compile import filter_jit
 from .._types import Array
 from .._units import EARTH_RATE, STANDARD_GRAVITY
 
-CELLS = 1024  # of a span: the midpoint rule for a position from white noise is then exact to 2e-7
+CELLS = 1024  # of a span; parts of 1e-6 of a flicker or a random walk are then lost
 SENSORS = ("gyro", "accel", "mag")
 _EARTH_RADIUS = 6371e3  # m
 #: the tilt that an accelerometer's error makes: -(up x error)/g
@@ -39,7 +39,9 @@ def dynamics(aid: float | None, dip: float, field: float, latitude: float | None
     if latitude is not None:
         earth = skew(EARTH_RATE * np.array([0.0, np.cos(latitude), np.sin(latitude)]))
         a[:3, :3], a[3:6, 3:6] = -earth, -2 * earth
-        a[3:6, 6:] = np.diag([-1.0, -1.0, 2.0]) * STANDARD_GRAVITY / _EARTH_RADIUS
+        # the plumb line is the sum of the attraction, which points to the centre, and of the centrifugal acceleration
+        out = np.array([0.0, 0.0, STANDARD_GRAVITY]) - _EARTH_RADIUS * (earth @ earth)[:, 2]
+        a[3:6, 6:] = (3 * np.outer(out, out) / (out @ out) - np.eye(3)) * np.linalg.norm(out) / _EARTH_RADIUS - earth @ earth
     if aid is None:
         a[6:, 3:6] = b[1, 3:6] = np.eye(3)
         return a, b
@@ -78,12 +80,13 @@ def response(a: Any, b: Any, cells: Any, size: Any, tables: Any) -> dict[str, Ar
     turned = -skew(cells["force"]) * a[6, 3]
     rates = jnp.zeros((len(turned), 9, 9)).at[:].set(a).at[:, 3:6, :3].add(turned)
     whole, back, halfway = (_exponential(rates * step) for step in (size, -size, -size / 2))
-    one = jnp.eye(9)
+    one, square = jnp.eye(9), rates @ rates * size**2
     end = jax.lax.scan(lambda first, then: (then @ first, None), one, whole)[0]
-    before = jax.lax.scan(lambda first, then: (first @ then, first), one, back)[1] @ halfway
-    gain = jnp.einsum("ab,nbc,scd->snad", end, before, b)  # Phi(t, s) B
+    before = jnp.einsum("ab,nbc,ncd->nad", end, jax.lax.scan(lambda first, then: (first @ then, first), one, back)[1], halfway)
+    gain = jnp.einsum("nab,nbc,scd->snad", before, one[None] + square / 24 + square @ square / 1920, b)  # mean of Phi(t, s) B over a cell
+    slope = jnp.einsum("nab,nbc,scd->snad", before, rates, b) * size / 12**0.5  # and how it changes there
     driven = jnp.einsum("snab,nbck->sack", gain, cells["driven"]) * size
-    white = jnp.einsum("snax,ncxy,snby->scab", gain, cells["outer"], gain) * size
+    white = sum(jnp.einsum("snax,ncxy,snby->scab", part, cells["outer"], part) * size for part in (gain, slope))
     kernel = jnp.einsum("snab,nbc->scan", gain, cells["driven"][..., 0])
     toeplitz, mean, square = tables
     # a circulant of twice the length holds the Toeplitz matrix

@@ -16,6 +16,8 @@ GROUPS = {
     "velocity": (slice(3, 6), "speed", "velocity"), "position": (slice(6, 9), "length", "position"),
 }  # fmt: skip
 _LARGEST = 3  # causes shown
+#: causes that grow with the turns of a motion
+_TURNING = {"gyro scale", "gyro misalignment", "gyro delay", "accel delay", "accel lever"}
 
 
 def summed(variances: Any, group: str) -> Any:
@@ -33,6 +35,7 @@ class Budget(Result):
         increments (k, m, 9, 9), at m places along the motion, in the axes of the body at the start.
     contributions : cause, such as "gyro N" -> (k, 9) its part of the variances.
     uncertainty : group -> (k,) standard error of its variance, from that of the coefficients; NaN if that is not known.
+    noise : causes that are noise.
     aided : whether level and heading are aided; velocity and position are then left out.
     motion : its name.
     shown : indices of the times in the table.
@@ -55,6 +58,7 @@ class Budget(Result):
     shown: tuple[int, ...] = eqx.field(static=True)
     motion: str = eqx.field(static=True)
     aided: bool = eqx.field(static=True)
+    noise: tuple[str, ...] = eqx.field(static=True)
     findings: tuple[Finding, ...] = eqx.field(static=True, default=())
 
     @property
@@ -116,14 +120,14 @@ class Budget(Result):
 
 
 def requirement(budget: Budget, *, after: float, **limits: float) -> dict[str, tuple[Any, Any]]:
-    r"""By what each error may be multiplied so that a requirement just holds, the inverse of `propagate` in closed form.
+    r"""By what errors, motion or record may be multiplied so that a requirement just holds, the inverse of `propagate` in closed form.
 
     The variance of a budget is a sum of squares, :math:`\sigma^2 = \sum_i \sigma_i^2`, and each cause enters in proportion to its size. So
     cause i alone may grow by
 
     .. math:: k_i = \sqrt{(L^2 - \sigma^2 + \sigma_i^2)/\sigma_i^2},
 
-    and all together by :math:`L/\sigma`. The slope :math:`\partial\sigma/\partial k_i = \sigma_i^2/\sigma` says where an effort pays.
+    and so may several together. The slope :math:`\partial\sigma/\partial k_i = \sigma_i^2/\sigma` says where an effort pays.
 
     Parameters
     ----------
@@ -133,8 +137,10 @@ def requirement(budget: Budget, *, after: float, **limits: float) -> dict[str, t
 
     Returns
     -------
-    dictionary cause, or "all" -> (factor, slope); the factor is NaN if the other causes alone exceed the limit, and the slope is in the
-    unit of the limit.
+    dictionary cause -> (factor, slope); the factor is NaN if the others alone exceed the limit, and the slope is in the unit of the limit.
+    Beside the causes: "all"; "noise" and "calibration", all terms of the one or of the other together; "turning", for larger or faster
+    turns, with the errors that grow with them. If the calibration knows how certain its noise is, "record": the length of the record that
+    it needs, over that which it had, so that the 95 % interval ends at the limit.
 
     Raises
     ------
@@ -155,6 +161,15 @@ def requirement(budget: Budget, *, after: float, **limits: float) -> dict[str, t
     (group, limit), place = next(iter(limits.items())), int(np.argmin(np.abs(np.asarray(budget.time) - after)))
     value = budget.std(group)[place]
     parts = {cause: one for cause, each in budget.contributions.items() if (one := summed(each, group)[place]) > 0}
-    room = {cause: (limit**2 - value**2) / part + 1 for cause, part in parts.items()}
-    alone = {cause: (room[cause] ** 0.5 if room[cause] >= 0 else np.nan, part / value) for cause, part in parts.items()}
-    return {"all": (limit / value, value), **alone}
+    kinds = {"noise": budget.noise, "calibration": set(parts) - set(budget.noise), "turning": _TURNING}
+    together = {"all": value**2} | {kind: sum(one for cause, one in parts.items() if cause in own) for kind, own in kinds.items()}
+    found = {}
+    for cause, part in (together | parts).items():
+        if part > 0:
+            room = (limit**2 - value**2) / part + 1
+            found[cause] = room**0.5 if room >= 0 else np.nan, part / value
+    spread = NORMAL95 * float(budget.uncertainty[group][place]) / (2 * float(value) ** 2)  # of the logarithm
+    if spread > 0:
+        enough = (spread / np.log(limit / value)) ** 2 if limit > value else np.nan
+        found["record"] = enough, -value * spread * np.exp(spread) / 2
+    return found

@@ -9,6 +9,8 @@ import scipy  # loads its parts when they are first used
 from .._answer import Finding
 from .._errors import DataError
 from ..calibration import Calibration, SensorNoise
+from ..calibration._thermal import AXES, Thermal
+from ..imu import ThermalTriad
 from ..noise import GaussMarkov, Noise
 from ..noise._terms import BUILT_IN
 from ._findings import FINDINGS
@@ -25,6 +27,8 @@ _GIVEN = {
 }  # fmt: skip
 #: vector of parameters -> what drives it; others are constant errors
 _DRIVEN = {"drift": "time", "lever": "lever"}
+#: errors of all sensors with a thermal model: what the thermometer is wrong by, degC, and how fast that grows, degC/s
+_WARM = {"temperature": "one", "warming": "time"}
 
 
 class Sensors(NamedTuple):
@@ -49,10 +53,18 @@ class Sensors(NamedTuple):
     rate: float
     findings: list[Finding]
 
+    @property
+    def noise(self) -> tuple[str, ...]:
+        """Causes that are noise."""
+        return tuple(dict.fromkeys(cause for cause, *_ in self.terms))
 
-def sensors_of(source: Any, errors: Mapping[str, Any] | None, aided: bool = False) -> Sensors:
-    """The errors of a `Calibration`, a `Noise`, or noise by sensor, and standard deviations of further parameters by name."""
-    known = source if isinstance(source, Calibration) else None
+
+def sensors_of(source: Any, errors: Mapping[str, Any] | None, temperature: float | None = None, aided: bool = False) -> Sensors:
+    """The errors of a `Calibration`, a `Noise`, or noise by sensor, and standard deviations of further parameters by name.
+
+    temperature : degC, of the device; None for that to which the calibration refers.
+    """
+    known = source if isinstance(source, Calibration) else Calibration()
     noise, wanted = _by_sensor(source), SENSORS if aided else SENSORS[:2]
     terms, spread, given, blocks = [], [], dict(errors or {}), []
     for sensor, held in noise.items():
@@ -61,20 +73,31 @@ def sensors_of(source: Any, errors: Mapping[str, Any] | None, aided: bool = Fals
         given |= {f"{sensor}.drift": np.sqrt(squares) for name, _, squares in each if name == "R"}  # a line has a slope, and no law
         if (fitted := getattr(held, "covariance", None)) is not None:
             spread.append(([f"{sensor} {name.removesuffix('^2')}" for name in fitted.parameters], np.nan_to_num(fitted.values)))
-    parts: dict[str, Any] = {} if known is None or known.imu is None else dict(known.imu.parts)
-    if known is not None and known.magnetometer is not None and known.magnetometer.unit == "T":
+    parts: dict[str, Any] = {} if known.imu is None else dict(known.imu.parts)
+    if known.magnetometer is not None and known.magnetometer.unit == "T":
         parts["mag"] = known.magnetometer
     found: list[tuple[str, Any]] = []
+    warm = [one for one in (known.temperature, *(part.model for part in parts.values())) if isinstance(one, Thermal | ThermalTriad)]
+    at = warm[0].reference if warm and temperature is None else temperature
     for sensor, part in parts.items():
         estimate = None if part.estimate is None else part.estimate.select("matrix*", "bias*", "g_sens*", "soft_iron*", "hard_iron*")
         if estimate is not None and len(estimate.names):
-            inverse = np.linalg.inv(np.asarray(part.model.soft_iron if sensor == "mag" else part.model.matrix))
-            found += [_parameter(sensor, name, inverse) for name in estimate.names]
+            above = np.clip(at, part.model.low, part.model.high) - part.model.reference if isinstance(part.model, ThermalTriad) else 0.0
+            found += [_parameter(sensor, name, _inverse(part, at), above) for name in estimate.names]
             blocks.append(np.asarray(estimate.matrix))
     for name, value in given.items():
         sensor, _, kind = name.partition(".")
+        if name in _WARM:
+            if not warm:
+                raise DataError(f"an error of {name} needs a calibration with a thermal model", code="no_thermal")
+            found.append(("temperature", _thermal(known, parts, at, float(value), name)))
+            blocks.append(np.eye(1) * float(value) ** 2)
+            continue
         if kind not in _GIVEN or sensor not in SENSORS or (kind.endswith("iron") and sensor != "mag"):
-            raise DataError(f"{name} is no error of a sensor; known are {', '.join(_GIVEN)} of {', '.join(SENSORS)}", code="no_error")
+            raise DataError(
+                f"{name} is no error of a sensor; known are {', '.join(_GIVEN)} of {', '.join(SENSORS)}, and {', '.join(_WARM)}",
+                code="no_error",
+            )
         field = "matrix" if kind in ("scale", "misalignment") else kind
         found += [_parameter(sensor, field + place, np.eye(3)) for place in _GIVEN[kind]]
         blocks.append(np.diag(np.broadcast_to(np.asarray(value, dtype=float), (3,)).repeat(len(_GIVEN[kind]) // 3) ** 2))
@@ -84,7 +107,7 @@ def sensors_of(source: Any, errors: Mapping[str, Any] | None, aided: bool = Fals
     said = [FINDINGS("no_noise", sensor, sensor=_WORDS[sensor]) for sensor in wanted if sensor not in noise]
     exact = [_WORDS[sensor] for sensor in wanted if not any(cause.startswith(sensor) for cause, _ in found)]
     said += [FINDINGS("exact", what=" and ".join(exact))] if exact else []
-    rate = getattr(getattr(known, "noise", None), "rate", 100.0)
+    rate = 100.0 if known.noise is None else known.noise.rate
     covariance = scipy.linalg.block_diag(*blocks) if blocks else np.zeros((0, 0))
     return Sensors(terms, spread, [cause for cause, _ in found], np.array([shape for _, shape in found]), covariance, rate, said)
 
@@ -116,9 +139,42 @@ def _shape(sensor: str, driver: str, matrix: Any) -> np.ndarray:
     return shape
 
 
-def _parameter(sensor: str, name: str, inverse: np.ndarray) -> tuple[str, np.ndarray]:
-    """Cause and error of a parameter of y = M x + b + G f + ...: the corrected reading is wrong by M^-1 times its error."""
+def _inverse(part: Any, at: float | None) -> np.ndarray:
+    """Inverse of the matrix of a sensor, at a temperature."""
+    if part is None:
+        return np.eye(3)
+    model = part.model
+    matrix = model.at(at)[0][0] if isinstance(model, ThermalTriad) else getattr(model, "soft_iron", None)
+    return np.linalg.inv(np.asarray(model.matrix if matrix is None else matrix))
+
+
+def _thermal(known: Calibration, parts: dict[str, Any], at: float, size: float, kind: str) -> np.ndarray:
+    """(3, 3, k) error of each sensor for one degC: the mean slope of its thermal models over `size` on both sides."""
+    shape, both = np.zeros((len(SENSORS), 3, sum(DRIVERS.values()))), at + (size or 1.0) * np.array([-1.0, 1.0])
+    slope = lambda ends: (ends[1] - ends[0]) / (both[1] - both[0])  # noqa: E731
+    for own, sensor in zip(shape, SENSORS, strict=True):
+        part, bias = parts.get(sensor), np.zeros((3, 1))
+        inverse, warm = _inverse(part, at), part is not None and isinstance(part.model, ThermalTriad)
+        for axis, model in {} if known.temperature is None else known.temperature.of(sensor).items():
+            bias[AXES.index(axis)] += slope(np.asarray(model.curve.value(np.clip(both, model.low, model.high))))
+        matrix, more, cross = map(slope, part.model.at(both)) if warm else np.zeros((3, 3, 3))
+        own[:, PLACES[_WARM[kind]]] = inverse @ (bias + more[:, None] if warm else bias)
+        if kind == "temperature" and warm:
+            own[:, PLACES[_OWN[sensor]]] = inverse @ matrix
+            own[:, PLACES["force"]] += inverse @ cross
+    return shape
+
+
+def _parameter(sensor: str, name: str, inverse: np.ndarray, above: float = 0.0) -> tuple[str, np.ndarray]:
+    """Cause and error of a parameter of y = M x + b + G f + ...: the corrected reading is wrong by M^-1 times its error.
+
+    above : degC above the reference of its powers.
+    """
     field, _, place = name.rstrip("]").partition("[")
+    if field.endswith("_powers"):
+        power, _, place = place.partition(",")
+        shape = _parameter(sensor, f"{field.removesuffix('_powers')}[{place}]", inverse)[1]
+        return f"{sensor} temperature", shape * above ** (int(power) + 1)
     row, column = (*map(int, place.split(",")), 0)[:2]
     cause = {"matrix": "scale" if row == column else "misalignment", "g_sensitivity": "g-sensitivity"}.get(field, field.replace("_", " "))
     one = np.eye(3)

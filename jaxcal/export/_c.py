@@ -103,8 +103,8 @@ def _sensor(
     if sensor == "gyro":
         held["_G_SENSITIVITY[3][3]"] = part.g_sensitivity
     then = f"  {low}apply({name}_MATRIX, b, y, x);\n"
-    if own:  # the matrix in front of the true value is a polynomial, and its inverse is none; no range ends beyond 1000 degC
-        count, limits = len(part.bias_powers), np.clip([part.reference, part.low, part.high], -1e3, 1e3)
+    if own:  # the matrix in front of the true value is a polynomial, and its inverse is none
+        count, limits = len(part.bias_powers), [part.reference, part.low, part.high]
         held |= {"_RANGE[3]": limits, "_FORWARD[3][3]": part.matrix}
         held[f"_FORWARD_POWERS[3][3][{count}]"] = np.moveaxis(part.matrix_powers, 0, -1)
         held[f"_BIAS_POWERS[3][{count}]"] = np.moveaxis(part.bias_powers, 0, -1)

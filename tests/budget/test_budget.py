@@ -8,6 +8,9 @@ from scipy.spatial.transform import Rotation
 
 import jaxcal
 from jaxcal.budget import Motion, array, increments, propagate, requirement
+from jaxcal.calibration import Part, polynomials
+from jaxcal.fitting import Estimate
+from jaxcal.imu import ThermalTriad
 from jaxcal.noise import GaussMarkov, Noise
 
 T, REST, G = 100.0, 60.0, 9.80665
@@ -50,7 +53,7 @@ def last(sensors, group, motion=None, **options):
     ],
 )  # fmt: skip
 def test_closed_forms(sensors, group, law, options):
-    assert last(sensors, group, **options) == pytest.approx(law, rel=1e-6 if "aid" not in options else 1e-4)
+    assert last(sensors, group, **options) == pytest.approx(law, rel=1e-6)
 
 
 def test_a_turning_earth_swings_a_velocity():
@@ -103,9 +106,11 @@ def test_the_shares_make_the_whole_and_the_inverse_agrees():
     limit = 5 * float(found.std("position")[-1])
     told = requirement(found, after=30.0, position=limit)
     assert told["all"][0] == pytest.approx(5.0)
+    turning = {name: size * told["turning"][0] if name != "accel.misalignment" else size for name, size in errors.items()}
     larger = {**SENSORS, "gyro": Noise(N=1e-4 * float(told["gyro N"][0]), B=2e-5, K=1e-6)}
-    again = propagate(larger, motion, rest=5.0, errors=errors, initial=(1e-3, 2e-3))
-    assert again.std("position")[-1] == pytest.approx(limit, rel=1e-6)
+    for sensors, own in ((larger, errors), (SENSORS, turning)):
+        again = propagate(sensors, motion, rest=5.0, errors=own, initial=(1e-3, 2e-3))
+        assert again.std("position")[-1] == pytest.approx(limit, rel=1e-6)
     assert np.isnan(requirement(found, after=30.0, heading=1e-6)["gyro N"][0])
     assert "large_angles" in propagate(Noise(N=1.0), Motion.rest(1.0)).codes
     with pytest.raises(TypeError):
@@ -131,7 +136,32 @@ def test_the_uncertainty_of_the_coefficients_is_that_of_repeated_records():
     assert budgets[0].codes == {"no_noise", "exact"}
     numbers = [found.number("heading", found.shown[-1]) for found in budgets]
     assert numbers[0].low < numbers[1].value < numbers[0].high
+    limit = 1.001 * numbers[0].value
+    length = requirement(budgets[0], after=60.0, heading=limit)["record"][0]  # the interval shrinks with its root
+    assert numbers[0].value * (numbers[0].high / numbers[0].value) ** (1 / np.sqrt(length)) == pytest.approx(limit, rel=1e-9)
     assert 2 * numbers[0].half / numbers[0].value == pytest.approx(2 * 1.96 / np.sqrt(2 * 20_000), rel=0.1)
+
+
+WARM = polynomials(25.0, 0.0, 50.0, gyro=np.outer([0.0, 0.0, 1.0], [1e-6, 1e-8]))
+TRIAD = ThermalTriad(
+    np.eye(3), np.zeros(3), matrix_powers=1e-4 * np.eye(3)[None], bias_powers=np.array([[0.0, 0.0, 1e-6]]), low=0.0, high=50.0
+)
+
+
+@pytest.mark.parametrize(("imu", "thermal", "errors", "law"), [
+    (None, WARM, {"temperature": 2.0}, 2 * (1e-6 + 2 * 10 * 1e-8) * T),  # at 10 degC above the reference
+    (None, WARM, {"warming": 0.01}, 0.01 * (1e-6 + 2 * 10 * 1e-8) * T**2 / 2),
+    (TRIAD, None, {"temperature": 2.0}, 2 * (1e-4 * 2 * np.pi + 1e-6 * T) / (1 + 1e-3)),
+    ("bias_powers[0,2]", None, {}, 1e-3 * 10 * T / (1 + 1e-3)),
+    ("matrix_powers[0,2,2]", None, {}, 1e-3 * 10 * 2 * np.pi / (1 + 1e-3)),
+])  # fmt: skip
+def test_the_thermal_model_is_a_cause(imu, thermal, errors, law):
+    known = Estimate((imu,), np.zeros(1), np.array([[1e-6]]), np.inf) if isinstance(imu, str) else None
+    part = imu and {"gyro": Part(TRIAD, "rad/s", None, known)}
+    motion = Motion.circle(T, period=T)
+    found = propagate(jaxcal.Calibration(imu=part, temperature=thermal), motion, at=[T], errors=errors, temperature=35.0)
+    assert found.std("heading")[-1] == pytest.approx(law, rel=1e-6)
+    assert {cause.split()[-1] for cause in found.contributions} == {"temperature"}
 
 
 def test_increments_hold_the_errors_of_calibration():
@@ -158,6 +188,8 @@ def test_what_is_refused(refuses):
         array([])
     with refuses("no_error"):
         propagate({}, Motion.rest(1.0), errors={"gyro.hard_iron": 1.0})
+    with refuses("no_thermal"):
+        propagate({}, Motion.rest(1.0), errors={"warming": 1.0})
 
 
 @pytest.mark.parametrize(("text", "sensor", "term", "value"), [

@@ -123,10 +123,3 @@ def test_diff(call, folder):
     assert found.out.startswith("changed: accel")
     (told,) = json.loads((folder / "e.json").read_text())["findings"]
     assert (told["code"], told["subject"]) == ("changed", ["accel"])
-
-
-def test_diff_without_covariances(call, folder, device):
-    found = call("diff", device, device)
-    assert found.status == 0
-    assert "so the significance of the change is not known" in " ".join(found.out.split())
-    assert max(len(line) for line in found.out.splitlines()) <= 80

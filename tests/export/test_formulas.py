@@ -176,7 +176,9 @@ def test_openvins(golden, right, tmp_path):
 
     OpenVINS reads only the lower triangle of Ta and Tw; the test does the same.
     """
-    write(golden, tmp_path / "a", format="openvins")
+    (frame,) = (one for one in write(golden, tmp_path / "a", format="openvins") if one.code == "frame_turned")
+    assert frame.facts["angle"] == pytest.approx(0.1542, abs=5e-5)
+    assert (tmp_path / "a").read_text().startswith("%YAML:1.0\n# openvins file written by jaxcal")
     p = yaml.safe_load((tmp_path / "a").read_text().removeprefix("%YAML:1.0\n"))["imu0"]
     ta, tw = np.tril(p["Ta"]), np.tril(p["Tw"])
     accel = np.transpose(p["R_IMUtoACC"]) @ np.linalg.solve(ta, ACCEL - golden.imu.accel.model.bias)

@@ -39,18 +39,6 @@ def without_walk(calibration, sensor, limit=(1e-5, 2e-5, 9e-5)):
     )
 
 
-def test_yaml_readers_get_numbers_in_kalibr_order(golden, path):
-    write(golden, path)
-    found = yaml.safe_load(path.read_text())
-    assert list(found) == [
-        "accelerometer_noise_density", "accelerometer_random_walk", "gyroscope_noise_density", "gyroscope_random_walk", "rostopic",
-        "update_rate",
-    ]  # fmt: skip
-    assert found["rostopic"] == "/imu0"
-    assert all(isinstance(value, float) for key, value in found.items() if key != "rostopic")
-    assert found["gyroscope_random_walk"] == 2.4e-6
-
-
 def test_bias_instability_never_becomes_a_random_walk(golden, path):
     found = write(golden, path)
     assert not {"4e-05", "5e-06", "6e-05", "7e-06", "4.0e-05", "7.0e-06"} & set(path.read_text().replace(",", " ").split())
@@ -104,12 +92,8 @@ def test_number_for_a_sensor_that_lacks_a_random_walk(golden, path):
     assert (values["gyroscope_random_walk"], values["accelerometer_random_walk"]) == (7e-6, 9e-5)
     assert "(given, not measured)" in text
     assert {"given", "limit_written"} <= {one.code for one in found}
-
-
-def test_a_named_value_replaces_a_random_walk_that_was_found(golden, path):
-    write(golden, path, random_walk={"accel": 1})
-    found = yaml.safe_load(path.read_text())
-    assert (found["gyroscope_random_walk"], found["accelerometer_random_walk"]) == (2.4e-6, 1.0)
+    write(golden, path, random_walk={"accel": 1})  # in place of one that was found
+    assert yaml.safe_load(path.read_text())["accelerometer_random_walk"] == 1.0
 
 
 def test_density_from_its_upper_limit(golden, path):
