@@ -1,7 +1,5 @@
 """Exceptions and warnings. Every message says what was found, what was expected and how to correct it."""
 
-from typing import Any
-
 
 class JaxcalError(ValueError):
     """Base class of all errors that jaxcal raises on purpose.
@@ -13,7 +11,7 @@ class JaxcalError(ValueError):
     subject : the channel, log or file in which it was found, which stands before the sentence; "" for none.
     """
 
-    def __init__(self, message: Any = "", code: str = "", subject: str = ""):
+    def __init__(self, message: object = "", code: str = "", subject: str = ""):
         super().__init__(message)
         self.code: str = code
         self.subject: str = subject

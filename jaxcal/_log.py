@@ -4,7 +4,7 @@ import copy
 import html
 import importlib
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import equinox as eqx
 import numpy as np
@@ -15,13 +15,16 @@ from ._own_time import at_nearest, common_length, equal_rows, on_grid, own_stamp
 from ._precision import real_numbers
 from ._quality import checked_rate, mark_missing, shown_unit
 from ._timebase import counted, place, span
-from ._types import AnyArray
+from ._types import AnyArray, Checked, Frame, PathLike, Samples
 from ._units import si_unit
 from .evidence._find import find, set_aside
 from .evidence._findings import said_of, seen_in
 from .evidence._gaps import Gap, gaps_of
 from .evidence._stretch import Stretch
 from .evidence._values import masked, of_values, unwrapped
+
+#: a recording, or what `jaxcal.read` takes: a path, a data frame, a dataset, arrays by name
+LogLike: TypeAlias = Checked["Log | PathLike | Mapping[Any, Any] | Frame"]
 
 #: sensor field -> channel name suffixes
 _AXES = {"gyro": ("_x", "_y", "_z"), "accel": ("_x", "_y", "_z"), "mag": ("_x", "_y", "_z"), "temperature": ("",)}
@@ -99,11 +102,11 @@ class Log(eqx.Module):
 
     def __init__(
         self,
-        time: Any,
-        gyro: Any = None,
-        accel: Any = None,
-        mag: Any = None,
-        temperature: Any = None,
+        time: Samples | None,
+        gyro: Samples | None = None,
+        accel: Samples | None = None,
+        mag: Samples | None = None,
+        temperature: Samples | None = None,
         rate: float | int | None = None,
         *,
         own_time: Mapping[str, Any] | None = None,
@@ -359,7 +362,7 @@ class Log(eqx.Module):
         return log
 
 
-def as_log(source: Any, rate: float | int | None = None) -> Log:
+def as_log(source: LogLike, rate: float | int | None = None) -> Log:
     """The log that an estimator receives: a `Log`, or anything that `jaxcal.read` accepts.
 
     Examples

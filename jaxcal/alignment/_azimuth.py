@@ -13,7 +13,7 @@ from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import host_float64, is_traced
 from .._special import NORMAL95
-from .._types import Numbers, Real
+from .._types import Held, Leaf, Numbers, Real
 from ._closed import Closed, bias_and_scale, four_point, maximum, opposed, quadrature, scale_first, single_reading, triad
 from ._findings import OUTCOMES, decided, findings_of, has_number
 from ._level import Level
@@ -50,18 +50,18 @@ class Azimuth(Result):
     'no azimuth Several roots fit the readings and nothing d'
     """
 
-    psi: Any
-    std: Any
-    roots: Any
-    root_std: Any
-    real: Any
-    bias: Any
-    scale: Any
-    scale_approx: Any
-    latitude: Any
-    latitude_std: Any
-    rho: Any
-    outcome: Any
+    psi: Leaf | None
+    std: Leaf | None
+    roots: Held
+    root_std: Held
+    real: Held
+    bias: Leaf | None
+    scale: Leaf | None
+    scale_approx: Leaf | None
+    latitude: Leaf | None
+    latitude_std: Leaf | None
+    rho: Leaf | None
+    outcome: Leaf
     method: str = eqx.field(static=True)
     findings: tuple[Finding, ...] = eqx.field(static=True, default=())
 
@@ -231,7 +231,7 @@ def _judged(form: Closed, method: str, latitude, hint, pole, missing, unit, dtyp
     )  # fmt: skip
 
 
-def _trimmed(found: Azimuth) -> Azimuth:
+def _trimmed(found: Any) -> Azimuth:
     """Host result: keep only the real roots, and replace undefined numbers by None."""
     name, none = OUTCOMES[int(found.outcome)], not has_number(int(found.outcome))
     kept = np.asarray(found.real) & (not none or name == "undecided")

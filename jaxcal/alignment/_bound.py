@@ -11,7 +11,7 @@ import numpy as np
 from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import array_module, host_float64, is_traced
-from .._types import Array, Numbers, Real
+from .._types import Array, NoiseLike, Numbers, Real
 from ..fitting import Estimate
 from ._model import NAMES, Table, Turntable, in_one_type, residuals, tabulate, turntable, with_angle_errors, with_values
 from ._noise import IDEAL, Sensor, as_noise, by_channel, check_noise
@@ -35,8 +35,8 @@ def crlb(
     attitude: Numbers,
     latitude: Real,
     *,
-    accel_noise: Any,
-    gyro_noise: Any,
+    accel_noise: NoiseLike,
+    gyro_noise: NoiseLike,
     free: Iterable[str] | None = None,
     priors: dict[str, Any] | None = None,
     accel: Sensor = IDEAL,

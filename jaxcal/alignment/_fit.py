@@ -13,7 +13,7 @@ import numpy as np
 from .._errors import DataError
 from .._precision import array_module, host_float64, is_traced
 from .._special import chi_square_tail
-from .._types import AnyArray, Real
+from .._types import AnyArray, NoiseLike, Real
 from ..fitting import Estimate, Fit, solve
 from ..noise import Noise
 from ._closed import WEAK
@@ -46,7 +46,7 @@ def fit(
     hint: Real | None = None,
     hemisphere: str | None = None,
     gravity: Real = GRAVITY,
-    noise: Any = None,
+    noise: NoiseLike | None = None,
 ) -> AlignmentFit:
     r"""Fit roll, pitch, azimuth, sensor errors and, optionally, latitude by joint nonlinear least squares.
 

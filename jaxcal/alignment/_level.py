@@ -14,7 +14,7 @@ from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import host_float64, is_traced
 from .._special import NORMAL95
-from .._types import Array, Real
+from .._types import Array, Held, Leaf, Real
 from ._closed import WEAK, root_of
 from ._findings import OUTCOMES, decided, findings_of
 from ._positions import GRAVITY, METHODS, SMALL, Readings, check_gravity, distance, harmonics, means_at, need, wanted, wrap
@@ -45,14 +45,14 @@ class Level(Result):
     [  2. 178.]
     """
 
-    phi: Any
-    theta: Any
-    phi_roots: Any
-    covariance: Any
-    bias: Any
-    scale: Any
-    scale_approx: Any
-    outcome: Any
+    phi: Leaf | None
+    theta: Leaf | None
+    phi_roots: Held
+    covariance: Held
+    bias: Leaf | None
+    scale: Leaf | None
+    scale_approx: Leaf | None
+    outcome: Leaf
     method: str = eqx.field(static=True)
     findings: tuple[Finding, ...] = eqx.field(static=True, default=())
 
@@ -72,9 +72,11 @@ class Level(Result):
         if np.ndim(self.outcome):  # vectorised
             return []
         both = zip((("phi", "roll", self.phi), ("theta", "pitch", self.theta)), NORMAL95 * np.asarray(self.std), strict=True)
-        rows = [(label, Number(name, x, x - half, x + half, "angle")) for (name, label, x), half in both if x is not None]
-        rows += [] if self.bias is None else [("bias", Number("bias", self.bias, quantity="accel"))]
-        rows += [] if self.scale is None else [("scale factor", Number("scale", self.scale))]
+        rows = [
+            (label, Number(name, float(x), float(x) - half, float(x) + half, "angle")) for (name, label, x), half in both if x is not None
+        ]
+        rows += [] if self.bias is None else [("bias", Number("bias", float(self.bias), quantity="accel"))]
+        rows += [] if self.scale is None else [("scale factor", Number("scale", float(self.scale)))]
         return [listed("level", f"level by {self.method}", rows)]
 
 
@@ -140,7 +142,7 @@ def level(
     return found if is_traced(found) else _trimmed(found)
 
 
-def _trimmed(found: Level) -> Level:
+def _trimmed(found: Any) -> Level:
     """Host result: replace undefined numbers by None."""
     name = OUTCOMES[int(found.outcome)]
     gone = name in ("degenerate", "missing") or (name == "clipped" and np.cos(float(found.theta)) < SMALL)

@@ -12,7 +12,7 @@ from .._arrays import padded as long, power_of_two
 from .._errors import DataError
 from .._frozen import Model
 from .._precision import array_module
-from .._types import AnyArray, Real
+from .._types import AnyArray, Leaf, Real
 from ..noise import Noise
 from ._noise import Sensor, covariance_of, weight_of
 from ._positions import EARTH_RATE, GRAVITY, Geometry, Places, Positions, Readings, geometry, table_from_nav
@@ -50,20 +50,20 @@ class Turntable(Model):
     The north-finding paper's equations (16), (18), (22), (23) and (36) to (39), in corrected form.
     """
 
-    phi: Any = 0.0
-    theta: Any = 0.0
-    psi: Any = 0.0
-    b_a: Any = 0.0
-    s_a: Any = 0.0
-    b_g: Any = 0.0
-    s_g: Any = 0.0
-    ma_a_xy: Any = 0.0
-    ma_a_xz: Any = 0.0
-    ma_g_xy: Any = 0.0
-    ma_g_xz: Any = 0.0
-    b_a_rate: Any = 0.0
-    b_g_rate: Any = 0.0
-    latitude: Any = 0.0
+    phi: Leaf = 0.0
+    theta: Leaf = 0.0
+    psi: Leaf = 0.0
+    b_a: Leaf = 0.0
+    s_a: Leaf = 0.0
+    b_g: Leaf = 0.0
+    s_g: Leaf = 0.0
+    ma_a_xy: Leaf = 0.0
+    ma_a_xz: Leaf = 0.0
+    ma_g_xy: Leaf = 0.0
+    ma_g_xz: Leaf = 0.0
+    b_a_rate: Leaf = 0.0
+    b_g_rate: Leaf = 0.0
+    latitude: Leaf = 0.0
 
     @property
     def matrix(self) -> AnyArray:

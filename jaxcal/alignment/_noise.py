@@ -8,7 +8,7 @@ import numpy as np
 
 from .._errors import DataError
 from .._precision import array_module, is_traced
-from .._types import AnyArray
+from .._types import AnyArray, Checked, Leaf, NoiseLike, Real
 from ..noise import Noise, mean_covariance
 
 _AXES = "xyz"
@@ -38,13 +38,13 @@ class Sensor(eqx.Module):
     (5e-08, 0.0)
     """
 
-    scale_error: Any = 0.0
-    misalignment: Any = (0.0, 0.0)
-    bias: Any = 0.0
-    bias_rate: Any = 0.0
-    white: Any = 0.0
-    walk: Any = 0.0
-    flicker: Any = 0.0
+    scale_error: Leaf = 0.0
+    misalignment: Checked["tuple[Real, Real] | AnyArray"] = (0.0, 0.0)
+    bias: Leaf = 0.0
+    bias_rate: Leaf = 0.0
+    white: Leaf = 0.0
+    walk: Leaf = 0.0
+    flicker: Leaf = 0.0
 
 
 #: without any error or noise
@@ -68,7 +68,7 @@ def as_noise(given: Any, name: str) -> Any:
     raise DataError(f"The {name} is a {type(given).__name__}; give its white noise N (SI), a Noise, a NoiseFit or a Sensor.", code="noise")
 
 
-def noise_of(source: Any, axis: str | None = "x") -> dict[str, Any]:
+def noise_of(source: NoiseLike, axis: str | None = "x") -> dict[str, Any]:
     """Extract the noise of accelerometer and gyro from a noise fit or a calibration of the device.
 
     Parameters

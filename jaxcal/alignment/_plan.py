@@ -16,7 +16,7 @@ from .._answer import Finding, Number, Result, Section, listed
 from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import host_float64, is_traced
-from .._types import Array, Numbers, Real
+from .._types import Array, Leaf, NoiseLike, Numbers, Real
 from ._bound import given_noise, jacobian_at
 from ._model import NAMES, Table, Turntable, padded, turntable
 from ._noise import IDEAL, covariance_of, weight_of
@@ -45,7 +45,7 @@ class Plan(Result):
     """
 
     positions: Positions
-    azimuth_std: Any
+    azimuth_std: Leaf
     criterion: float
     findings: tuple[Finding, ...] = eqx.field(static=True, default=())
 
@@ -67,8 +67,8 @@ def plan(
     latitude: Real,
     *,
     attitude: Numbers = (0.0, 0.0, 0.0),
-    accel_noise: Any,
-    gyro_noise: Any,
+    accel_noise: NoiseLike,
+    gyro_noise: NoiseLike,
     mountings: Sequence[str] = ("x",) * 6,
     free: Iterable[str] | None = None,
     priors: dict[str, Any] | None = None,
@@ -212,7 +212,7 @@ def _variances(places: Positions, count: Any, free: tuple[bool, ...], models: An
 
 
 @filter_jit
-def _gradient(p: Array, places: Positions, time: Array, *others: Any) -> tuple[Array, Array]:
+def _gradient(p: Array, places: Any, time: Array, *others: Any) -> tuple[Array, Array]:
     """Half the logarithm of the variance, and its gradient by angles and logarithms of shares."""
     n = p.size // 2
 

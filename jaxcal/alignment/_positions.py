@@ -1,5 +1,6 @@
 """`Positions` and `Readings`: the positions of the table and the readings taken there; frames and angles."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -10,7 +11,7 @@ import numpy as np
 from .._arrays import namespace
 from .._errors import DataError
 from .._precision import array_module, is_traced
-from .._types import AnyArray, Array, Numbers, Real
+from .._types import AnyArray, Array, Checked, Held, Leaf, NoiseLike, Numbers, Real, Samples
 from .._units import EARTH_RATE as EARTH_RATE, ON_EARTH, STANDARD_GRAVITY, on_earth
 from ._findings import FINDINGS
 from ._noise import as_noise, by_channel, covariance_of
@@ -87,18 +88,18 @@ class Positions(eqx.Module):
     4
     """
 
-    angle: Any
+    angle: Held
     mounting: tuple[str, ...] = eqx.field(static=True)
-    dwell: Any
-    start: Any
-    rate: Any
-    acceleration: Any
-    width: Any
-    angle_std: Any
+    dwell: Held
+    start: Held
+    rate: Held
+    acceleration: Held
+    width: Held
+    angle_std: Held | None
 
     def __init__(
-        self, angle: Any, mounting: Any = "x", dwell: Any = 1.0, start: Any = None, *, rate: Any = 0.0, acceleration: Any = 0.0,
-        width: Any = 0.0, angle_std: Any = None,
+        self, angle: Samples, mounting: Checked[str | Sequence[str]] = "x", dwell: Samples = 1.0, start: Samples | None = None, *,
+        rate: Leaf = 0.0, acceleration: Samples = 0.0, width: Samples = 0.0, angle_std: Samples | None = None,
     ):  # fmt: skip
         angle = _floats(angle, "table angle")
         if angle.ndim != 1 or not angle.size:
@@ -170,14 +171,14 @@ class Readings(eqx.Module):
     positions: Positions
     accel: Any
     gyro: Any
-    accel_noise: Any
-    gyro_noise: Any
-    lever_arm: Any
+    accel_noise: NoiseLike | None
+    gyro_noise: NoiseLike | None
+    lever_arm: Leaf
     parts: "Readings | None"
 
     def __init__(
-        self, positions: Any, accel: Any = None, gyro: Any = None, *, accel_noise: Any = None, gyro_noise: Any = None, lever_arm: Any = 0.0,
-        parts: "Readings | None" = None,
+        self, positions: Checked["Positions | Numbers"], accel: Samples | None = None, gyro: Samples | None = None, *,
+        accel_noise: NoiseLike | None = None, gyro_noise: NoiseLike | None = None, lever_arm: Leaf = 0.0, parts: "Readings | None" = None,
     ):  # fmt: skip
         self.positions = as_positions(positions)
         for name, values in (("accel", accel), ("gyro", gyro)):
@@ -203,7 +204,7 @@ class Readings(eqx.Module):
         return found if found.ndim == 1 else found.diagonal()
 
 
-def _floats(values: Any, name: str) -> Any:
+def _floats(values: Any, name: str) -> AnyArray:
     """Convert values to a floating-point array, of JAX if they are traced or JAX arrays, else of NumPy."""
     if is_traced(values) or isinstance(values, jax.Array):
         return jnp.asarray(values)
@@ -213,7 +214,7 @@ def _floats(values: Any, name: str) -> Any:
         raise DataError(f"The {name} given are not numbers: {str(values)[:60]}.", code="not_numbers") from error
 
 
-def _per_position(value: Any, angle: Any, name: str) -> Any:
+def _per_position(value: Any, angle: Any, name: str) -> AnyArray:
     value = _floats(value, name)
     if value.shape not in ((), angle.shape):
         raise DataError(f"The {name} has shape {value.shape}; give one number, or one for each of {angle.size} positions.", code="shape")

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from .._compile import filter_jit
 from .._precision import host_float64
-from .._types import Array, Numbers, Real
+from .._types import AnyArray, Array, Numbers, Real
 from ..noise import Noise, mean_covariance
 from ._model import in_one_type, turntable
 from ._noise import IDEAL, Sensor, as_noise, white_alone
@@ -16,7 +16,7 @@ from ._positions import GRAVITY, Positions, Readings, as_positions, check_latitu
 
 
 @filter_jit
-def _noise(key: Array, noise: Noise, dwell: Array, start: Array) -> Array:
+def _noise(key: Array, noise: Noise, dwell: Array, start: Array) -> AnyArray:
     """Draw the noise of the means over the dwells."""
     drawn = jax.random.normal(key, dwell.shape, dwell.dtype)
     if white_alone(noise):

@@ -7,7 +7,7 @@ import numpy as np
 
 from .._answer import Finding, Number, Result, Section, cell_text, listed
 from .._precision import array_module
-from .._types import AnyArray
+from .._types import AnyArray, Held, Leaf
 from .._units import shown_in
 from ..fitting import Estimate, Information, information
 from ._findings import has_number
@@ -93,9 +93,9 @@ class Bound(Result):
     """
 
     estimate: Estimate
-    rank: Any
-    hidden: Any
-    lost: Any
+    rank: Leaf
+    hidden: Held
+    lost: Held
     findings: tuple[Finding, ...] = eqx.field(static=True, default=(), kw_only=True)
 
     @property
@@ -180,14 +180,14 @@ class AlignmentFit(Bound):
 
     model: Turntable
     readings: Readings
-    prior_only: Any
+    prior_only: Held
     accel_residual: Any
     gyro_residual: Any
-    chi_square: Any
-    degrees_of_freedom: Any
+    chi_square: Leaf
+    degrees_of_freedom: Leaf
     p_value: Any
     noise_known: bool = eqx.field(static=True)
-    outcome: Any = 0
+    outcome: Leaf = 0
 
     _figure = ("north", True)
 
@@ -205,10 +205,25 @@ class AlignmentFit(Bound):
         number = self.estimate[name]
         return None if number.state == "open" else float(number.value)
 
-    phi = property(lambda self: self._value("phi"), doc="Roll, rad; None if not determined (host only).")
-    theta = property(lambda self: self._value("theta"), doc="Pitch, rad; None if not determined (host only).")
-    psi = property(lambda self: self._value("psi"), doc="Azimuth, rad; None if not determined, or two fit equally well (host only).")
-    latitude = property(lambda self: self._value("latitude"), doc="Given or estimated latitude, rad; None if not determined (host only).")
+    @property
+    def phi(self) -> Any:
+        """Roll, rad; None if not determined (host only)."""
+        return self._value("phi")
+
+    @property
+    def theta(self) -> Any:
+        """Pitch, rad; None if not determined (host only)."""
+        return self._value("theta")
+
+    @property
+    def psi(self) -> Any:
+        """Azimuth, rad; None if not determined, or two fit equally well (host only)."""
+        return self._value("psi")
+
+    @property
+    def latitude(self) -> Any:
+        """Given or estimated latitude, rad; None if not determined (host only)."""
+        return self._value("latitude")
 
     @property
     def parameters(self) -> dict[str, float | None]:

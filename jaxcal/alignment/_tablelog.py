@@ -8,10 +8,10 @@ import numpy as np
 
 from .._answer import Finding, Quantity
 from .._errors import DataError
-from .._log import as_log
+from .._log import LogLike, as_log
 from .._message import Message
 from .._precision import host_float64
-from .._types import Numbers, Real
+from .._types import NoiseLike, Numbers, Real
 from ..evidence._rests import still_intervals
 from ._findings import FINDINGS
 from ._fit import fit
@@ -74,11 +74,11 @@ class TableLog(eqx.Module):
 
 @host_float64
 def from_log(
-    log: Any,
+    log: LogLike,
     *,
     angle: Numbers | None = None,
     angles: Numbers | None = None,
-    noise: Any = None,
+    noise: NoiseLike | None = None,
     axis: str = "x",
     angle_std: Numbers = 0.0,
     gyro_scale: float | int = 1e-3,

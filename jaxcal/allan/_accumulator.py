@@ -16,6 +16,7 @@ from .._errors import DataError
 from .._frozen import replaced
 from .._precision import is_traced
 from .._quality import checked_confidence, checked_rate, checked_whole
+from .._types import Checked, Leaf, Samples, Sizes
 from . import _stretch
 from ._findings import FINDINGS, times
 from ._kernels._route import PARALLEL_FROM
@@ -106,8 +107,8 @@ class Accumulator(eqx.Module):
     _dropped: tuple[int, ...]
 
     def __init__(
-        self, rate: Any, m: Any = "log", channels: Any = 1, kind: str = "oadev", *, exact: Any = 65_536, start: Any = None,
-        confidence: Any = 0.95, alpha: Any = None,
+        self, rate: Leaf, m: Sizes = "log", channels: Checked[int] = 1, kind: str = "oadev", *, exact: Checked[int] = 65_536,
+        start: Samples | None = None, confidence: Leaf = 0.95, alpha: Checked[float] | None = None,
     ) -> None:  # fmt: skip
         if kind not in _KINDS:
             raise DataError(f"unknown kind {kind!r} for a stream; expected one of {', '.join(_KINDS)}", code="kind")
@@ -133,7 +134,7 @@ class Accumulator(eqx.Module):
         """Number of samples so far."""
         return self._taken.samples + sum(len(chunk) for chunk in self._waiting)
 
-    def update(self, chunk: Any) -> "Accumulator":
+    def update(self, chunk: Samples) -> "Accumulator":
         """A new accumulator with the next samples of the record.
 
         Parameters

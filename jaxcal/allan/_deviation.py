@@ -17,7 +17,7 @@ from .._arrays import namespace
 from .._errors import DataError
 from .._precision import host_float64
 from .._quality import checked_confidence, checked_rate, checked_record, refuse_infinite
-from .._types import Any, Int
+from .._types import Any, Int, Leaf, Samples, Sizes
 from ..evidence._uneven import widened
 from ._findings import FINDINGS, times
 from ._kernels._difference_sums import direct_sums
@@ -35,7 +35,8 @@ _Measured = tuple[Callable[[], Any], Any, Any]
 
 @host_float64
 def deviation(
-    y: Any, rate: Any, *, kind: str | Kind = "oadev", m: Any = "log", data: str = "rate", confidence: float | int = 0.95, alpha: Any = None,
+    y: Samples, rate: Leaf, *, kind: str | Kind = "oadev", m: Sizes = "log", data: str = "rate", confidence: float | int = 0.95,
+    alpha: Samples | None = None,
 ) -> Deviation:  # fmt: skip
     r"""Allan, modified Allan, time or Hadamard deviation, with noise type and interval.
 
@@ -102,13 +103,13 @@ def deviation(
     statistic, rate = find_kind(kind), checked_rate(rate)
     if data not in ("rate", "phase"):
         raise DataError(f'unknown data {data!r}; expected "rate" (samples of rate or force) or "phase" (their integral)', code="data")
-    confidence, y = checked_confidence(confidence), checked_record(y)
-    empty = empty_channels(y)
+    confidence, record = checked_confidence(confidence), checked_record(y)
+    empty = empty_channels(record)
     if empty is not None:
         rest = {"kind": kind, "m": m, "data": data, "confidence": confidence, "alpha": alpha}
-        return _with_empty(deviation(y[:, ~empty], rate, **rest), empty)
-    sizes = cluster_sizes(m, statistic, y.shape[0] - (1 if data == "phase" else 0))
-    return begin(y, rate, statistic, sizes, confidence, alpha, data=data)()
+        return _with_empty(deviation(record[:, ~empty], rate, **rest), empty)
+    sizes = cluster_sizes(m, statistic, record.shape[0] - (1 if data == "phase" else 0))
+    return begin(record, rate, statistic, sizes, confidence, alpha, data=data)()
 
 
 def begin(

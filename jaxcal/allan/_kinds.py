@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from .._errors import DataError
-from .._types import Any, Int
+from .._types import Any, Int, Sizes
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,7 +111,7 @@ def round_sizes(grid: str, largest: int, *more: str) -> Int[np.ndarray, " cluste
     raise DataError(f"unknown grid {grid!r}; expected {', '.join(['log', 'octave', 'decade', *more])} or integers", code="grid")
 
 
-def cluster_sizes(m: Any, kind: str | Kind, samples: int) -> Int[np.ndarray, " clusters"]:
+def cluster_sizes(m: Sizes, kind: str | Kind, samples: int) -> Int[np.ndarray, " clusters"]:
     """Cluster sizes in samples at which `deviation` evaluates a record: those of a named grid, or the given ones, checked.
 
     Parameters

@@ -14,6 +14,7 @@ import numpy as np
 from .._answer import Finding
 from .._errors import DataError
 from .._quality import checked_confidence, checked_rate, checked_record
+from .._types import Checked, Leaf, Numbers, PathLike, Samples, Sizes
 from ..allan import Accumulator, Deviation, deviation as _deviation
 from ..allan._deviation import begin
 from ..allan._findings import FINDINGS
@@ -26,7 +27,8 @@ T = TypeVar("T", bound=Any)
 
 
 def deviation(
-    source: Any, rate: Any, *, kind: str = "oadev", m: Any = "log", confidence: float | int = 0.95, alpha: Any = None, columns: Any = None,
+    source: Checked["PathLike | Numbers | Chunks | Sequence[Any]"], rate: Leaf, *, kind: str = "oadev", m: Sizes = "log",
+    confidence: float | int = 0.95, alpha: Samples | None = None, columns: Checked[str | int | Sequence[str | int]] | None = None,
     chunk: int = 4_194_304, exact: int = 65_536, workers: int | None = None, executor: Executor | None = None,
 ) -> Any:  # fmt: skip
     """Allan, modified Allan, time or Hadamard deviation of a file larger than memory, or of many logs.

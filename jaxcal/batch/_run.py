@@ -11,13 +11,15 @@ import os
 import pathlib
 import pickle
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from typing import Any
 
 from .._answer import Number
 from .._errors import DataError
 from .._files import shown, write_atomically
+from .._log import Log
+from .._types import Checked, PathLike
 from ._answer import answer, fingerprint, lost
 from ._fleet import Entry, Fleet, overview
 from ._paths import find_logs
@@ -30,9 +32,10 @@ _LOOK, _SILENCE, _MANIFEST_EVERY = 0.5, 5.0, 30.0
 
 
 def run(
-    paths: Any, task: Any = "noise", *, executor: Executor | None = None, out: Any = None, resume: bool = True, workers: int | None = None,
-    options: dict[str, Any] | None = None, reading: dict[str, Any] | None = None, timeout: float | int | None = None,
-    memory: float | int | None = None, progress: Callable[[int, int, str], None] | None = None, each: bool = False,
+    paths: Checked[PathLike | Iterable[PathLike]], task: Checked[str | Callable[[Log], Any]] = "noise", *, executor: Executor | None = None,
+    out: Checked[PathLike] | None = None, resume: bool = True, workers: int | None = None, options: dict[str, Any] | None = None,
+    reading: dict[str, Any] | None = None, timeout: float | int | None = None, memory: float | int | None = None,
+    progress: Callable[[int, int, str], None] | None = None, each: bool = False,
 ) -> Fleet:  # fmt: skip
     """Perform one task on many logs: a result for each log, the spread over all logs, and outliers.
 

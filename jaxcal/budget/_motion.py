@@ -1,7 +1,5 @@
 """`Motion`: what the sensors feel while the errors grow, and its means over cells of time."""
 
-from typing import Any
-
 import equinox as eqx
 import jax
 import numpy as np
@@ -10,7 +8,7 @@ import scipy  # loads its parts when they are first used
 from .._arrays import from_vector, skew, to_vector, windowed_variance
 from .._errors import DataError
 from .._log import Log
-from .._types import Float
+from .._types import Checked, Float
 from .._units import STANDARD_GRAVITY
 
 UP = np.array([0.0, 0.0, STANDARD_GRAVITY])
@@ -77,7 +75,7 @@ class Motion(eqx.Module):
         return cls.of_path(from_vector(vector), acceleration[:-1], _STEP, "hand")
 
     @classmethod
-    def of_path(cls, attitude: Any, acceleration: Any, step: float, name: str = "motion") -> "Motion":
+    def of_path(cls, attitude: Checked[np.ndarray], acceleration: Checked[np.ndarray], step: float, name: str = "motion") -> "Motion":
         """From attitudes (n + 1, 3, 3) at the ends of the steps, and the mean acceleration (n, 3) in the level frame in each."""
         turned = np.swapaxes(attitude[:-1], 1, 2)
         rate = to_vector(turned @ attitude[1:]) / step
@@ -111,7 +109,7 @@ class Motion(eqx.Module):
         level = scipy.spatial.transform.Rotation.align_vectors(UP, up)[0].as_matrix()
         return cls(1.0 / log.rate, level @ attitude, rate, force, "log")
 
-    def table(self, field: Any = 0.0) -> np.ndarray:
+    def table(self, field: Checked[float | np.ndarray] = 0.0) -> np.ndarray:
         """(n, 9 + k) entries of the attitude, and what drives the errors of a sensor. field : (3,) T, in the level frame."""
         # the derivatives of a motion of one sample are zero
         turn, jerk = (np.gradient(x, self.step, axis=0) if len(x) > 1 else np.zeros_like(x) for x in (self.rate, self.force))

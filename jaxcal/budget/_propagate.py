@@ -10,6 +10,7 @@ import numpy as np
 from .._answer import Quantity
 from .._frozen import replaced
 from .._precision import array_module, host_float64
+from .._types import NoiseLike
 from ..noise._terms import BUILT_IN
 from ._findings import FINDINGS
 from ._motion import PLACES, UP, Motion
@@ -86,7 +87,7 @@ def combined(sensors: Sensors, unit: Unit) -> tuple[Any, dict[str, Any], Any]:
 
 @host_float64
 def propagate(
-    sensors: Any, motion: Motion, *, at: Sequence[float] | None = None, rest: float = 0.0, initial: tuple[float, float] = (0.0, 0.0),
+    sensors: NoiseLike, motion: Motion, *, at: Sequence[float] | None = None, rest: float = 0.0, initial: tuple[float, float] = (0.0, 0.0),
     errors: Mapping[str, Any] | None = None, aid: float | None = None, dip: float = np.deg2rad(60.0), field: float = 50e-6,
     latitude: float | None = None, temperature: float | None = None, rate: float | None = None,
 ) -> Budget:  # fmt: skip
@@ -189,7 +190,7 @@ def _doubts(sensors: Sensors, slopes: list[Any]) -> dict[str, float]:
 
 @host_float64
 def increments(
-    sensors: Any, motion: Motion, *, windows: Sequence[float] = (0.1, 1.0, 5.0, 20.0), errors: Mapping[str, Any] | None = None,
+    sensors: NoiseLike, motion: Motion, *, windows: Sequence[float] = (0.1, 1.0, 5.0, 20.0), errors: Mapping[str, Any] | None = None,
     temperature: float | None = None, rate: float | None = None,
 ) -> Budget:  # fmt: skip
     r"""Noise of preintegrated increments that is really to be expected under a motion: static noise and calibration errors together.

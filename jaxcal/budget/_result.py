@@ -8,7 +8,7 @@ import numpy as np
 
 from .._answer import Curve, Finding, Grid, Number, Result, Section
 from .._special import NORMAL95
-from .._types import AnyArray
+from .._types import AnyArray, Leaf
 
 #: what a reader asks for -> its states among the nine, quantity, and label
 GROUPS = {
@@ -76,7 +76,7 @@ class Budget(Result):
         own = {cause: part[:, states].sum(axis=1) for cause, part in self.contributions.items() if cause.startswith(sensor)}
         return (sum(own.values()) / own[f"{sensor} N"]) ** 0.5
 
-    def largest(self, group: str, time: Any) -> list[tuple[str, float]]:
+    def largest(self, group: str, time: Leaf) -> list[tuple[str, float]]:
         """The three causes with the largest shares of the variance at a time, and the shares."""
         place = int(np.argmin(np.abs(np.asarray(self.time) - time)))
         each = {cause: float(summed(part, group)[place]) for cause, part in self.contributions.items()}

@@ -8,6 +8,7 @@ import scipy  # loads its parts when they are first used
 
 from .._answer import Finding
 from .._errors import DataError
+from .._types import Samples
 from ..calibration import Calibration, SensorNoise
 from ..calibration._thermal import AXES, Thermal
 from ..imu import ThermalTriad
@@ -187,7 +188,7 @@ def _parameter(sensor: str, name: str, inverse: np.ndarray, above: float = 0.0) 
 
 
 def array(
-    sensors: Sequence[Any], *, correlation: Any = 0.0, lever: Any = None
+    sensors: Sequence[Any], *, correlation: Samples = 0.0, lever: Samples | None = None
 ) -> tuple[dict[str, Noise], dict[str, np.ndarray], np.ndarray | None]:
     r"""What several sensors on one board give together: the mean with the weights that make its white noise least.
 

@@ -13,6 +13,7 @@ from .._errors import DataError
 from .._files import json_text, write_atomically
 from .._log import Log
 from .._precision import is_traced
+from .._types import Given
 from ..magnetometer import MagModel
 from ._codec import SCHEMA, free, read_document, to_json, wrong
 from ._compose import composed
@@ -76,8 +77,8 @@ class Calibration(eqx.Module):
     provenance: dict[str, Any] | None
 
     def __init__(
-        self, *, noise: Any = None, imu: Any = None, magnetometer: Any = None, temperature: Any = None, device: Any = None,
-        provenance: Any = None,
+        self, *, noise: Given | None = None, imu: Given | None = None, magnetometer: Given | None = None, temperature: Given | None = None,
+        device: str | Given | None = None, provenance: Given | None = None,
     ) -> None:  # fmt: skip
         self.noise, self.imu = device_noise(noise), imu_of(imu)
         self.magnetometer, self.temperature = magnetometer_of(magnetometer), thermal_of(temperature)

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from .._answer import plain
+from .._log import Log
+from .._types import Checked
 
 _PACKAGES = ("jax", "numpy", "scipy")
 _FIRST = np.datetime64("2000", "ns").astype(int)  # smaller stamps count from the start of the device
@@ -20,7 +22,7 @@ def date_of(known: Mapping[str, Any]) -> datetime.datetime | None:
     return datetime.datetime.fromtimestamp(epoch // 10**9, datetime.UTC) if isinstance(epoch, int) and epoch >= _FIRST else None
 
 
-def provenance(log: Any, command: str, options: Mapping[str, Any] | None = None, *, rate_given: bool = False) -> dict[str, Any]:
+def provenance(log: Checked[Log], command: str, options: Mapping[str, Any] | None = None, *, rate_given: bool = False) -> dict[str, Any]:
     """Provenance of a calibration made from a log, for `Calibration(provenance=...)`.
 
     Parameters

@@ -7,7 +7,7 @@ import jax
 import numpy as np
 
 from .._arrays import runs
-from .._log import as_log
+from .._log import LogLike, as_log
 from .._precision import host_float64
 from .._units import BEYOND, STANDARD_GRAVITY
 from ..fitting import Estimate
@@ -31,7 +31,7 @@ _TROPIC = 0.35
 
 @host_float64
 def fit(
-    log: Any, *, gravity: float | int | None = None, field: float | int | None = None, latitude: float | int | None = None,
+    log: LogLike, *, gravity: float | int | None = None, field: float | int | None = None, latitude: float | int | None = None,
     g_sensitivity: bool = False, lever: bool = False, noise: Knowledge = None,
 ) -> DeviceFit:  # fmt: skip
     r"""Calibrate accelerometer, gyroscope and magnetometer, and the delays between them, from one recording by hand.
@@ -183,7 +183,7 @@ def _result(
     flags = found.kept.any(axis=1) & (found.counts < 0.5), found.rests.windows
     disturbed, resting = (_stretches(which, begin, record.time) for which in flags)
     facts = Facts(
-        field=model.field, gravity=record.gravity if assumed else None, axes=start.axes, place=found.way.place,
+        field=float(model.field), gravity=record.gravity if assumed else None, axes=start.axes, place=found.way.place,
         lacks=told.lacks, poles=_poles(found, told), duration=float(log.duration),
         disturbed=sum((stop - first for first, stop in disturbed), 0.0),
         dead=bool(np.any(np.isnan(log.usable("gyro", keep=("held", "stuck", "clipped"))) & np.isfinite(log.gyro))),

@@ -8,7 +8,7 @@ import numpy as np
 
 from .._frozen import Model
 from .._precision import array_module
-from .._types import AnyArray
+from .._types import AnyArray, Held, Leaf
 from .._units import STANDARD_GRAVITY
 from ..fitting._problem import names_of
 from ..imu import Triad
@@ -77,14 +77,14 @@ class DeviceModel(Model):
     accel: Triad
     gyro: Triad
     magnetometer: MagModel
-    field: Any = 1.0
-    dip: Any = 0.0
-    gyro_delay: Any = 0.0
-    mag_delay: Any = 0.0
-    lever: Any = eqx.field(default_factory=lambda: np.zeros((2, 3)))
-    arm: Any = eqx.field(default_factory=lambda: np.zeros(3))
-    accel_pole: Any = 0.0
-    gyro_pole: Any = 0.0
+    field: Leaf = 1.0
+    dip: Leaf = 0.0
+    gyro_delay: Leaf = 0.0
+    mag_delay: Leaf = 0.0
+    lever: Held = eqx.field(default_factory=lambda: np.zeros((2, 3)))
+    arm: Held = eqx.field(default_factory=lambda: np.zeros(3))
+    accel_pole: Leaf = 0.0
+    gyro_pole: Leaf = 0.0
 
     @property
     def world_field(self) -> AnyArray:

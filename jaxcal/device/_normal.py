@@ -46,7 +46,7 @@ def inertial(model: DeviceModel, w: Windows, sensitivity: bool = False, lever: b
     h, (count, steps) = float(w.step[0]), w.field_time.shape
     gyro, accel = np.linalg.inv(model.gyro.matrix), np.linalg.inv(model.accel.matrix)
     arms, g = np.asarray(model.lever), np.asarray(model.gyro.g_sensitivity)
-    rate = (w.rate - model.gyro.bias) @ gyro.T
+    rate = np.asarray(w.rate - model.gyro.bias) @ gyro.T
     force = (w.force - model.accel.bias) @ accel.T
     plain_force, spin = force.copy(), w.slope @ gyro.T
     # what a low-pass takes from gravity, which turns: its second derivative. That of the readings would contain the hand's motion, of which
@@ -61,7 +61,7 @@ def inertial(model: DeviceModel, w: Windows, sensitivity: bool = False, lever: b
             force[..., axis] -= bent[..., axis, :] @ arms[axis - 1]
     pull = force @ g.T
     rate = rate - pull @ gyro.T
-    raw = w.turn - h * (model.gyro.bias + (pull[:, 1:] + pull[:, :-1]) / 2)
+    raw = np.asarray(w.turn - h * (model.gyro.bias + (pull[:, 1:] + pull[:, :-1]) / 2))
     plain = raw @ gyro.T
     small = plain + h**2 / 12 * np.cross(rate[:, :-1], rate[:, 1:])
     by = from_vector(small)
@@ -97,7 +97,7 @@ def inertial(model: DeviceModel, w: Windows, sensitivity: bool = False, lever: b
 
     # readings of the magnetometer
     late = w.field_time[..., None]
-    part = (w.field_turn - late * (model.gyro.bias + pull[:, :-1])) @ gyro.T
+    part = np.asarray(w.field_turn - late * (model.gyro.bias + pull[:, :-1])) @ gyro.T
     part_by = late[..., None] * rate_by[:, :-1]
     for a in range(3):
         for b in range(3):

@@ -9,7 +9,7 @@ from .._arrays import from_vector
 from .._errors import DataError
 from .._log import Log
 from .._precision import host_float64
-from .._types import Numbers
+from .._types import Numbers, Seed
 from .._units import STANDARD_GRAVITY
 from ..imu import Triad
 from ..imu._simulate import NOISE, noisy
@@ -20,7 +20,7 @@ from ._model import DeviceModel
 _TURNS = ("free", "one axis", "no tilt")
 
 
-def random_device(seed: Any, *, field: float = 50e-6) -> DeviceModel:
+def random_device(seed: Seed, *, field: float = 50e-6) -> DeviceModel:
     """Draw a consumer MEMS device: scale errors of 1 %, misalignments of half a degree, and typical biases.
 
     Parameters
@@ -49,8 +49,10 @@ def random_device(seed: Any, *, field: float = 50e-6) -> DeviceModel:
     direction = rng.normal(size=3)
     hard_iron = 0.5 * field * size * direction / np.linalg.norm(direction)
     biases = 0.03 * STANDARD_GRAVITY * rng.normal(size=3), np.deg2rad(1.0) * rng.normal(size=3)
-    dip, *delays = rng.uniform(np.deg2rad(30.0), np.deg2rad(72.0)), rng.uniform(-0.02, 0.02), rng.uniform(-0.02, 0.02)
-    return DeviceModel(Triad(accel, biases[0]), Triad(gyro, biases[1]), MagModel(soft_iron / size, hard_iron), field * size, dip, *delays)
+    dip, early, late = rng.uniform(np.deg2rad(30.0), np.deg2rad(72.0)), rng.uniform(-0.02, 0.02), rng.uniform(-0.02, 0.02)
+    return DeviceModel(
+        Triad(accel, biases[0]), Triad(gyro, biases[1]), MagModel(soft_iron / size, hard_iron), field * size, dip, early, late
+    )
 
 
 @host_float64

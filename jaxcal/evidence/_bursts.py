@@ -15,6 +15,7 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._arrays import runs
+from .._types import Samples
 from ._values import CHANCE, EFFICIENCY, FEW, HIDDEN, SAMPLE, columns_of, resolution
 
 #: overlapping looks are few independent ones: the tail of a block's energy is that much longer than the normal one of its cube root
@@ -33,7 +34,7 @@ _EVENT = 3.0
 _SPREADS = {0.5: 0.6745, 0.9: 1.6449}
 
 
-def bursts(values: Any, rate: float | int) -> list[tuple[int, int]]:
+def bursts(values: Samples, rate: float | int) -> list[tuple[int, int]]:
     """Stretches that are no noise of a sensor at rest: knocks, movement, steps of the mean, outliers, and runs of stuck readings.
 
     Parameters

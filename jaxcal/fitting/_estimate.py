@@ -13,7 +13,7 @@ from .._answer import Number
 from .._errors import DataError
 from .._precision import host_float64
 from .._special import student_quantile
-from .._types import AnyArray
+from .._types import AnyArray, Samples
 
 
 class NamedMatrix(eqx.Module):
@@ -83,8 +83,8 @@ class Estimate(eqx.Module):
     quantities: dict[str, str] = eqx.field(static=True)
 
     def __init__(
-        self, names: Iterable[str], values: AnyArray, covariance: AnyArray, freedom: Any = np.inf, states: Mapping[str, str] | None = None,
-        quantities: Mapping[str, str] | None = None,
+        self, names: Iterable[str], values: AnyArray, covariance: AnyArray, freedom: Samples = np.inf,
+        states: Mapping[str, str] | None = None, quantities: Mapping[str, str] | None = None,
     ):  # fmt: skip
         self.names, self.values, self.matrix = tuple(names), values, covariance
         self.freedom = np.broadcast_to(np.asarray(freedom, dtype=float), (len(self.names),))

@@ -11,7 +11,7 @@ from .._answer import Finding, Message, Quantity, Result, Section, by_axis
 from .._arrays import from_vector, skew
 from .._errors import DataError
 from .._precision import host_float64, real_numbers
-from .._types import AnyArray, Numbers
+from .._types import AnyArray, Numbers, Samples
 from .._units import ON_EARTH, on_earth
 from ..fitting import Estimate, information
 from ._findings import FINDINGS
@@ -257,7 +257,7 @@ def six_position(
 
 @host_float64
 def rate_table(
-    readings: Any, rates: Any, accel: Any = None, *, latitude: float | None = None, sigma: Numbers | None = None,
+    readings: Samples, rates: Samples, accel: Samples | None = None, *, latitude: float | None = None, sigma: Numbers | None = None,
     servo: float = 0.0,
 ) -> TriadFit:  # fmt: skip
     r"""Calibrate a gyroscope from mean readings on a rate table, with g-sensitivity if the specific force is known.

@@ -11,7 +11,7 @@ import numpy as np
 from .._errors import DataError
 from .._frozen import Model
 from .._precision import array_module, host_float64, is_traced
-from .._types import AnyArray, Array, Numbers
+from .._types import AnyArray, Array, Held, Numbers
 from .._units import EARTH_RATE as EARTH_RATE
 from ..fitting._problem import names_of
 
@@ -66,9 +66,9 @@ class Triad(Model):
     The thesis's equations (5.1) to (5.5), with M = I + S + N and a full matrix for the sensitivity to g.
     """
 
-    matrix: Any
-    bias: Any
-    g_sensitivity: Any = eqx.field(default_factory=lambda: np.zeros((3, 3)))
+    matrix: Held
+    bias: Held
+    g_sensitivity: Held = eqx.field(default_factory=lambda: np.zeros((3, 3)))
 
     @host_float64
     def measure(self, x: Numbers, accel: Numbers | None = None) -> AnyArray:

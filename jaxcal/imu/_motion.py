@@ -9,6 +9,7 @@ import scipy  # loads its parts when they are first used
 from .._answer import Finding, Quantity, Result, Section, by_axis
 from .._arrays import from_vector, skew
 from .._errors import DataError
+from .._log import LogLike
 from .._precision import host_float64
 from .._types import Numbers
 from ..fitting import Estimate
@@ -70,7 +71,7 @@ class Motion(Result):
 
 
 @host_float64
-def motion(log: Any, found: ImuFit | Imu, *, gravity: float | int | None = None, rests: Numbers | None = None) -> Motion:
+def motion(log: LogLike, found: ImuFit | Imu, *, gravity: float | int | None = None, rests: Numbers | None = None) -> Motion:
     r"""Estimate the delay between gyroscope and accelerometer, and the accelerometer's lever arms, from the turns of a calibration.
 
     During a turn the gyroscope predicts the direction of gravity. The accelerometer measures in addition

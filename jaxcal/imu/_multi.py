@@ -2,15 +2,16 @@
 
 import dataclasses
 from collections.abc import Iterable, Mapping
-from typing import Any
 
 import numpy as np
 
 from .._answer import Finding
 from .._arrays import power_of_two
 from .._errors import DataError
+from .._log import LogLike
 from .._message import Message
 from .._precision import host_float64, is_traced
+from .._types import Checked, Given, NoiseLike, Samples
 from ..evidence._rests import Ends, Multiples, StillIntervals, Variances
 from ..fitting import AbstractLoss, Fit, Huber
 from ..fitting._result import leverage
@@ -32,9 +33,9 @@ _TYPICAL = 0.01  # m/s^2: assumed error of a magnitude, to weight a prior before
 
 @host_float64
 def multi_position(
-    log: Any, *, gravity: float | int | None = None, convention: str = "upper", model: str | Triad | Imu = "full",
-    g_sensitivity: bool = True, loss: Any = _HUBER, latitude: float | None = None, noise: Any = None,
-    raw: bool = False, rests: Any = None, held_out: bool = True, terms: str | Iterable[str] = (), prior: Any = None,
+    log: LogLike, *, gravity: float | int | None = None, convention: str = "upper", model: str | Triad | Imu = "full",
+    g_sensitivity: bool = True, loss: Checked[AbstractLoss | None] = _HUBER, latitude: float | None = None, noise: NoiseLike | None = None,
+    raw: bool = False, rests: Samples | None = None, held_out: bool = True, terms: str | Iterable[str] = (), prior: Given | None = None,
 ) -> ImuFit:  # fmt: skip
     r"""Estimate scale factors, misalignments, biases and g-sensitivity from still poses and the turns between them.
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from .._errors import DataError
 from .._precision import array_module, host_float64
-from .._types import AnyArray, Numbers
+from .._types import AnyArray, Held, Numbers
 from ._model import Imu, Triad
 
 _ROUNDS = 4  # iterations of the fixed point: the error is then 1e-10 of the reading for a term of 1 % of the reading
@@ -44,9 +44,9 @@ class Nonlinear(Triad):
     IEEE Std 1293-1998, model equation (K2, K3, asymmetry); IEEE Std 952-1997 and 517-1974 for gyroscopes.
     """
 
-    quadratic: Any = None
-    cubic: Any = None
-    asymmetry: Any = None
+    quadratic: Held | None = None
+    cubic: Held | None = None
+    asymmetry: Held | None = None
 
     @host_float64
     def measure(self, x: Numbers, accel: Numbers | None = None) -> AnyArray:

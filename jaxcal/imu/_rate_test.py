@@ -7,8 +7,9 @@ import numpy as np
 
 from .._answer import Finding, Grid, Message, Quantity, Result, Section, by_axis
 from .._errors import DataError
+from .._log import Log
 from .._precision import host_float64
-from .._types import AnyArray, Numbers
+from .._types import AnyArray, Checked, Numbers
 from ..evidence._rests import still_intervals
 from ._findings import FINDINGS
 from ._known import TriadFit, rate_table
@@ -80,7 +81,7 @@ class RateTest(Result):
 
 
 @host_float64
-def rate_test(log: Any, rates: Numbers, *, latitude: float | None = None, servo: float = 0.0, raw: bool = False) -> RateTest:
+def rate_test(log: Checked[Log], rates: Numbers, *, latitude: float | None = None, servo: float = 0.0, raw: bool = False) -> RateTest:
     r"""Calibrate a gyroscope from the raw log of a rate table: the triad, and figures in ppm for each axis.
 
     The function finds the stretches of constant rate, fits their means as `rate_table` does, and describes each axis by `scale_figures`.

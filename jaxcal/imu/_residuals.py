@@ -9,7 +9,7 @@ import numpy as np
 
 from .._compile import filter_jit
 from .._precision import array_module, host_float64, is_traced
-from .._types import Array, Scalar
+from .._types import AnyArray, Array, Held, Scalar
 from ._integrate import attitude, closed_form
 from ._model import EARTH_RATE, Imu, inverse
 
@@ -34,8 +34,8 @@ class Poses(eqx.Module):
     >>> poses = Poses(9.81 * np.concatenate([np.eye(3), -np.eye(3)]), np.full(6, 1e-3))
     """
 
-    accel: Any
-    sigma: Any
+    accel: Held
+    sigma: Held
     gyro: Any = None
     gyro_sigma: Any = None
     time: Any = None
@@ -64,10 +64,10 @@ class Turns(eqx.Module):
     (1, 50, 3)
     """
 
-    gyro: Any
-    accel: Any
-    dt: Any
-    sigma: Any
+    gyro: Held
+    accel: Held
+    dt: Held
+    sigma: Held
 
 
 class Weighted(eqx.Module):
@@ -136,7 +136,7 @@ def _rotations(model: Imu, poses: Poses, turns: Turns) -> Array:
     return attitude(jnp.concatenate(parts, axis=1), jnp.concatenate(columns, axis=-1), turns.dt)
 
 
-def _norths(north: Array, vertical: Array, rotation: Array, sigma: Array) -> Array:
+def _norths(north: Array, vertical: Array, rotation: Array, sigma: AnyArray) -> Array:
     """Horizontal unit vector of the Earth's rate in the axes of every pose: that of the first pose, carried on by the turns."""
     first = vertical[0]
     # the cross product with an axis far from the vertical gives a horizontal pair of vectors
@@ -155,7 +155,7 @@ def warm_up(time: Any, known: Any) -> Any:
     return xp.exp(-4 * (time - first) / (last - first))
 
 
-def _settled(model: Imu, poses: Poses) -> Array:
+def _settled(model: Imu, poses: Poses) -> Any:
     """Readings of the accelerometer minus its creep, and the drift and warm-up of its bias."""
     accel = poses.accel
     if model.accel_creep is not None:

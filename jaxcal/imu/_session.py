@@ -14,8 +14,9 @@ import scipy  # loads its parts when they are first used
 
 from .._answer import CAUTION, FATAL, Quantity
 from .._errors import DataError
-from .._log import Log
+from .._log import Log, LogLike
 from .._precision import host_float64
+from .._types import Checked, PathLike
 from ..evidence._rests import still_intervals
 from ..fitting import Estimate
 from ._findings import FINDINGS
@@ -137,10 +138,14 @@ def rests_among(regions: list[Region]) -> list[tuple[int, int]] | None:
     return [(start, stop) for _, start, stop in regions] if all(_REST.fullmatch(label.strip()) for label, _, _ in regions) else None
 
 
+#: (label, start, stop) of each region, or label -> (start, stop), or a file with them
+Regions = PathLike | Sequence[tuple[str, int, int]] | Mapping[str, tuple[int, int]]
+
+
 @host_float64
 def ferraris(
-    log: Any, regions: Any = None, *, gravity: float | int | None = None,
-    angle: float = 2 * np.pi, raw: bool = False,
+    log: Checked[LogLike | Mapping[str, Log] | Sequence[Log]], regions: Checked[Regions] | None = None, *,
+    gravity: float | int | None = None, angle: float = 2 * np.pi, raw: bool = False,
 ) -> ImuFit:  # fmt: skip
     r"""Calibrate accelerometer and gyroscope from a Ferraris session: a box at rest on six faces, and one turn about each axis.
 

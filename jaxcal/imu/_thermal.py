@@ -10,7 +10,7 @@ import numpy as np
 from .._answer import merged
 from .._errors import DataError
 from .._precision import host_float64
-from .._types import AnyArray, Numbers
+from .._types import AnyArray, Held, Leaf, Numbers
 from ..fitting import Estimate
 from ..fitting._information import symmetric_inverse
 from ._model import Triad
@@ -43,12 +43,12 @@ class ThermalTriad(Triad):
     [[0.01, 0.01, 10.02]]
     """
 
-    matrix_powers: Any = eqx.field(default_factory=lambda: np.zeros((1, 3, 3)))
-    bias_powers: Any = eqx.field(default_factory=lambda: np.zeros((1, 3)))
-    g_sensitivity_powers: Any = eqx.field(default_factory=lambda: np.zeros((1, 3, 3)))
-    reference: Any = 25.0
-    low: Any = -np.inf
-    high: Any = np.inf
+    matrix_powers: Held = eqx.field(default_factory=lambda: np.zeros((1, 3, 3)))
+    bias_powers: Held = eqx.field(default_factory=lambda: np.zeros((1, 3)))
+    g_sensitivity_powers: Held = eqx.field(default_factory=lambda: np.zeros((1, 3, 3)))
+    reference: Leaf = 25.0
+    low: Leaf = -np.inf
+    high: Leaf = np.inf
 
     def at(self, temperature: Numbers) -> list[np.ndarray]:
         """Matrix, bias and g-sensitivity at each temperature (n,), with n as their first axis."""
@@ -134,7 +134,7 @@ def over_temperature(fits: Sequence[ImuFit], degree: int | None = None) -> ImuFi
     spread = np.tile(grown, order + 1) * scale.ravel()
     further = [f"{kind}_powers[{i},{name.partition('[')[2]}" for i in range(order) for name, kind in zip(names, kinds, strict=True)]
     states = {name: "held" for name, known in zip((*names, *further), np.tile(free, order + 1), strict=True) if not known}
-    limits = {"reference": reference, "low": float(at.min()), "high": float(at.max())}
+    limits: dict[str, Any] = {"reference": reference, "low": float(at.min()), "high": float(at.max())}
     sensors: dict[str, Any] = {}
     for sensor in ("accel", "gyro"):
         if getattr(first, sensor) is not None:

@@ -1,6 +1,6 @@
 """Sensors beside the magnetometer, and the rotation against one of them."""
 
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import equinox as eqx
 import numpy as np
@@ -10,7 +10,7 @@ from .._answer import Finding, Number, Result, Section, listed
 from .._arrays import axis_turns
 from .._errors import DataError
 from .._special import NORMAL95
-from .._types import AnyArray
+from .._types import AnyArray, Held
 
 #: source of a rotation -> its name for readers
 NAMES = {"accel": "accelerometer", "gyro": "gyroscope", "headings": "known headings", "attitude": "attitudes",
@@ -97,7 +97,7 @@ class Accelerometer(eqx.Module):
     (40, 3)
     """
 
-    accel: Any
+    accel: Held
     dip: float | int | None = None
     turns: bool = eqx.field(static=True, default=True)
 
@@ -120,7 +120,7 @@ class Gyroscope(eqx.Module):
     50.0
     """
 
-    gyro: Any
+    gyro: Held
     rate: float | int
 
     def __check_init__(self) -> None:
@@ -147,8 +147,8 @@ class Headings(eqx.Module):
     (4,)
     """
 
-    headings: Any
-    accel: Any = None
+    headings: Held
+    accel: Held | None = None
     declination: float | int = 0.0
 
 
@@ -190,7 +190,7 @@ class Attitude(eqx.Module):
     """
 
     turns: ClassVar[bool] = True  # the fit rotates the axes of the magnetometer to those of the body, as `Accelerometer.turns`
-    quaternion: Any
+    quaternion: Held
     dip: float | int | None = None
 
     def __check_init__(self) -> None:

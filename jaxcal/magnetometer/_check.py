@@ -1,7 +1,5 @@
 """`check`: how well a calibration does on readings that it has not seen, or on readings with known headings."""
 
-from typing import Any
-
 import equinox as eqx
 import numpy as np
 import scipy  # loads its parts when they are first used
@@ -10,7 +8,7 @@ from .._answer import Finding, Number, Result, Section, listed
 from .._answer._sections import Grid
 from .._errors import DataError
 from .._precision import host_float64
-from .._types import AnyArray
+from .._types import AnyArray, Samples
 from ._axes import array, like, still
 from ._field import STEEPEST, heading
 from ._findings import FINDINGS
@@ -83,7 +81,7 @@ class Check(Result):
 
 
 @host_float64
-def check(found: MagFit, m: Any, *, accel: Any = None, headings: Any = None) -> Check:
+def check(found: MagFit, m: Samples, *, accel: Samples | None = None, headings: Samples | None = None) -> Check:
     r"""Errors of a calibration on readings that were held back from it, beside the errors that it predicts.
 
     The magnitude of a corrected reading, divided by the field, has the variance

@@ -10,7 +10,7 @@ import scipy  # loads its parts when they are first used
 from .._errors import DataError
 from .._frozen import made
 from .._precision import host_float64, real_numbers
-from .._types import AnyArray
+from .._types import AnyArray, Samples
 
 ZONES = (1, 15, 34, 34, 15, 1)  # sectors of the zones of latitude, from the north pole on: 100 regions of equal area
 _GRID = 500  # points of the lattice, 9 degrees apart
@@ -87,7 +87,7 @@ def middles() -> np.ndarray:
 
 
 @host_float64
-def coverage(m: Any) -> Coverage:
+def coverage(m: Samples) -> Coverage:
     """How evenly corrected readings fill the sphere.
 
     Parameters

@@ -11,14 +11,14 @@ import numpy as np
 from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import host_float64, is_traced, real_numbers
-from .._types import AnyArray
+from .._types import AnyArray, Checked, Samples
 
 #: dip of the field at Ankara, where the magnetometer paper's experiment was made
 INCLINATION = np.deg2rad(57.0)
 
 
 @host_float64
-def body_field(attitudes: Any, field: float = 1.0, inclination: float = INCLINATION) -> AnyArray:
+def body_field(attitudes: Samples, field: float = 1.0, inclination: float = INCLINATION) -> AnyArray:
     r"""Earth's field in body axes, without declination.
 
     .. math:: h = H\,R_x(\phi)R_y(\theta)R_z(\psi)\,[\cos I, 0, \sin I]^T
@@ -108,7 +108,7 @@ _LIGHTEST = 1.0  # m/s^2 of specific force below which there is no vertical
 
 
 @host_float64
-def heading(m: Any, accel: Any, *, declination: float = 0.0) -> AnyArray:
+def heading(m: Samples, accel: Samples, *, declination: float = 0.0) -> AnyArray:
     r"""Heading from the corrected field and the specific force at rest, both in body axes (x forward, y right, z down).
 
     .. math:: \phi = \mathrm{atan2}(-f_y, -f_z),\quad \theta = \mathrm{atan2}(f_x, \sqrt{f_y^2 + f_z^2}),\quad
@@ -185,7 +185,9 @@ def _explain(falling: int, steep: int, count: int) -> None:
         warnings.warn(f"{said}. They are NaN.", UserWarning, stacklevel=4)
 
 
-def earth_field(latitude: float | int, longitude: float | int, date: Any, *, altitude: float | int = 0.0) -> AnyArray:
+def earth_field(
+    latitude: float | int, longitude: float | int, date: Checked[str | float | datetime.date], *, altitude: float | int = 0.0
+) -> AnyArray:
     """Earth's field (north, east, down) in tesla, for use as `fit(field=...)`, which takes its magnitude and dip.
 
     Parameters

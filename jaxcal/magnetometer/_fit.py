@@ -2,8 +2,10 @@
 
 from typing import Any
 
+from .._log import LogLike
 from .._precision import host_float64
-from ._aids import Plane
+from .._types import Checked, Numbers, Samples
+from ._aids import Accelerometer, Attitude, Gyroscope, Headings, Plane
 from ._checked import asked_for
 from ._joined import joined
 from ._judge import by_magnitudes
@@ -14,15 +16,15 @@ from ._surface import surface_of
 
 @host_float64
 def fit(
-    m: Any,
+    m: Checked[LogLike | Numbers],
     *,
     method: str = "ml",
     model: str | MagModel = "auto",
-    field: Any = None,
+    field: Samples | None = None,
     field_error: float | None = None,
     inclination: float | None = None,
     limits: tuple[float, float] = LIMITS,
-    aid: Any = None,
+    aid: Checked[Accelerometer | Attitude | Gyroscope | Headings] | None = None,
     currents: dict[str, Any] | None = None,
     conditions: dict[str, Any] | None = None,
 ) -> MagFit:

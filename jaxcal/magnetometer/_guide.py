@@ -1,7 +1,5 @@
 """`guide`: which attitude to read next, and when to stop."""
 
-from typing import Any
-
 import equinox as eqx
 import numpy as np
 import scipy  # loads its parts when they are first used
@@ -9,7 +7,7 @@ import scipy  # loads its parts when they are first used
 from .._errors import DataError
 from .._precision import host_float64, real_numbers
 from .._quality import checked_confidence
-from .._types import AnyArray
+from .._types import AnyArray, Samples
 from ._coverage import sphere_grid
 from ._fit import fit
 from ._heading_error import HEADINGS, by_iron, distance_slopes, heading_slopes
@@ -55,8 +53,9 @@ class Guide(eqx.Module):
 
 @host_float64
 def guide(
-    m: Any, *, limit: float = np.deg2rad(1.0), candidates: Any = None, inclination: float | None = None, confidence: float = 0.95
-) -> Guide:
+    m: Samples, *, limit: float = np.deg2rad(1.0), candidates: Samples | None = None, inclination: float | None = None,
+    confidence: float = 0.95,
+) -> Guide:  # fmt: skip
     r"""Which reading would lower the heading error most, and whether the readings so far are enough.
 
     A reading whose distance to the ellipsoid has the slope r lowers the mean square heading error tr(W C) by

@@ -7,7 +7,7 @@ import numpy as np
 
 from .._frozen import Model
 from .._precision import array_module, host_float64
-from .._types import Any, AnyArray
+from .._types import Any, AnyArray, Held, Samples
 
 
 class MagModel(Model):
@@ -34,8 +34,8 @@ class MagModel(Model):
     The magnetometer paper's equations (1) to (5), as one matrix and one vector.
     """
 
-    soft_iron: Any
-    hard_iron: Any
+    soft_iron: Held
+    hard_iron: Held
 
     def __init_subclass__(cls, **options: Any) -> None:
         """Make `measure` and `correct` of a subclass run in float64 on the host, as they do here."""
@@ -45,16 +45,16 @@ class MagModel(Model):
                 setattr(cls, name, host_float64(vars(cls)[name]))
 
     @host_float64
-    def measure(self, h: Any) -> AnyArray:
+    def measure(self, h: Samples) -> AnyArray:
         """Readings C h + b in the true fields `h` (3,) or (n, 3), in the unit of the hard iron."""
-        xp, (h, matrix, offset) = _same_dtype(h, self.soft_iron, self.hard_iron)
-        return h @ matrix.T + xp.broadcast_to(offset, h.shape)
+        xp, (field, matrix, offset) = _same_dtype(h, self.soft_iron, self.hard_iron)
+        return field @ matrix.T + xp.broadcast_to(offset, field.shape)
 
     @host_float64
-    def correct(self, m: Any) -> AnyArray:
+    def correct(self, m: Samples) -> AnyArray:
         """Fields C^-1 (m - b) that belong to the readings `m` (3,) or (n, 3), in the same unit, because C has no unit."""
-        xp, (m, matrix, offset) = _same_dtype(m, self.soft_iron, self.hard_iron)
-        return (m - xp.broadcast_to(offset, m.shape)) @ xp.linalg.inv(matrix).T
+        xp, (reading, matrix, offset) = _same_dtype(m, self.soft_iron, self.hard_iron)
+        return (reading - xp.broadcast_to(offset, reading.shape)) @ xp.linalg.inv(matrix).T
 
     def then(self, second: "MagModel") -> "MagModel":
         """One model that combines this calibration with a `second` one, made from readings that this one had corrected.

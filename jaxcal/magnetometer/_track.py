@@ -8,10 +8,10 @@ import scipy  # loads its parts when they are first used
 
 from .._answer import CAUTION, NOTE, Curve, Finding, Number, Quantity, Result, Section, by_axis, listed
 from .._errors import DataError
-from .._log import as_log
+from .._log import LogLike, as_log
 from .._precision import host_float64, real_numbers
 from .._special import NORMAL95
-from .._types import AnyArray
+from .._types import AnyArray, Checked, Numbers, Samples
 from ..fitting import Chain
 from ..fitting._chain import Eliminated
 from ._aided import ROUNDS, SETTLED
@@ -68,11 +68,11 @@ class Track(Result):
     outliers: AnyArray
     findings: tuple[Finding, ...] = eqx.field(static=True, default=())
 
-    def at(self, time: Any) -> AnyArray:
+    def at(self, time: Samples) -> AnyArray:
         """Hard iron (..., 3) at times in s; before and after the log that of its ends."""
-        return np.stack([np.interp(time, self.time, axis) for axis in self.hard_iron.T], axis=-1)
+        return np.stack([np.interp(np.asarray(time), self.time, axis) for axis in self.hard_iron.T], axis=-1)
 
-    def correct(self, m: Any, time: Any) -> AnyArray:
+    def correct(self, m: Samples, time: Samples) -> AnyArray:
         """Corrected readings (n, 3), each with the hard iron of its time."""
         return (np.asarray(m) - self.at(time)) @ np.linalg.inv(self.soft_iron).T
 
@@ -106,8 +106,8 @@ class Track(Result):
 
 @host_float64
 def track(
-    m: Any, time: Any = None, *, model: MagModel | None = None, field: float | int | None = None, inclination: float | None = None,
-    limit: float = LIMITS[0],
+    m: Checked[LogLike | Numbers], time: Samples | None = None, *, model: MagModel | None = None, field: float | int | None = None,
+    inclination: float | None = None, limit: float = LIMITS[0],
 ) -> Track:  # fmt: skip
     r"""A hard iron that drifts during a long log (an underwater vehicle, a phone), with its error at each time.
 

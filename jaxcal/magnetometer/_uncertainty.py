@@ -1,7 +1,6 @@
 """Uncertainty of a calibration: `heading_uncertainty` after a fit; `predict` and `plan` before readings are taken."""
 
 import functools
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -11,7 +10,7 @@ import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from .._precision import array_module, host_float64
-from .._types import AnyArray, Array
+from .._types import Any, AnyArray, Array, Samples
 from ._field import INCLINATION, unit_field
 from ._heading_error import both_tilts, by_iron, heading_at
 from ._model import MagModel
@@ -23,7 +22,7 @@ _STARTS, _FEWEST = 4, 10  # random plans, of which the best is kept; readings: o
 
 
 @host_float64
-def heading_uncertainty(found: MagFit, headings: Any, *, tilt: float | int = 0.0) -> AnyArray:
+def heading_uncertainty(found: MagFit, headings: Samples, *, tilt: float | int = 0.0) -> AnyArray:
     r"""Standard deviation of the heading due to the errors of a fit, for readings without noise and a true vertical.
 
     .. math:: \sigma_\psi^2 = j\,\mathrm{Cov}\,j^T,\qquad j = \partial\psi/\partial(A, b)
@@ -105,7 +104,7 @@ _value = jax.jit(_variance)
 
 
 @host_float64
-def predict(attitudes: Any, noise: float | int, *, inclination: float | int = INCLINATION) -> AnyArray:
+def predict(attitudes: Samples, noise: float | int, *, inclination: float | int = INCLINATION) -> AnyArray:
     r"""Smallest possible rms heading error for readings in given attitudes (Cramer-Rao bound), before any reading is taken.
 
     .. math:: \sigma_\psi^2 = \sigma^2\,\mathrm{tr}\big[(J^T J)^{-1}\,\overline{j^T j}\big]
@@ -138,12 +137,12 @@ def predict(attitudes: Any, noise: float | int, *, inclination: float | int = IN
     The Fisher information of the orthogonal distances, whose inverse is the Cramer-Rao bound: S. M. Kay, Fundamentals of Statistical
     Signal Processing: Estimation Theory, 1993, chapter 3.
     """
-    attitudes = array_module(attitudes).asarray(attitudes, dtype=float)
-    if attitudes.ndim != 2 or attitudes.shape[1] != 3 or len(attitudes) < _FEWEST:
-        raise DataError(f"The attitudes have shape {attitudes.shape}; expected (n, 3) with at least {_FEWEST} rows.", code="bad_shape")
+    poses: Any = array_module(attitudes).asarray(attitudes, dtype=float)
+    if poses.ndim != 2 or poses.shape[1] != 3 or len(poses) < _FEWEST:
+        raise DataError(f"The attitudes have shape {poses.shape}; expected (n, 3) with at least {_FEWEST} rows.", code="bad_shape")
     if not noise > 0 or not abs(inclination) < np.pi / 2:
         raise DataError("The noise must be positive, relative to the field, and the inclination within 90 degrees.", code="bad_value")
-    values = [_value(jnp.asarray(attitudes), jnp.asarray(inclination), jnp.asarray(w)) for w in _weights(float(inclination))]
+    values = [_value(jnp.asarray(poses), jnp.asarray(inclination), jnp.asarray(w)) for w in _weights(float(inclination))]
     return noise * jnp.sqrt(jnp.stack(values))
 
 

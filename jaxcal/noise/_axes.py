@@ -13,7 +13,7 @@ from .._arrays import longest_run
 from .._errors import DataError
 from .._precision import host_float64
 from .._quality import checked_confidence, checked_rate, checked_record
-from .._types import Float, Numbers
+from .._types import Float, Numbers, Samples
 from ._findings import FINDINGS
 from ._model import Noise
 
@@ -62,7 +62,7 @@ class Correlation(Result):
 
 
 @host_float64
-def correlation(y: Any, rate: Numbers, fits: Sequence[Any], *, confidence: float = 0.95) -> Correlation:
+def correlation(y: Samples, rate: Numbers, fits: Sequence[Any], *, confidence: float = 0.95) -> Correlation:
     r"""Correlation of the white noise of several axes, such as a common supply or clock causes.
 
     S is the density of the fitted noise model of an axis. With the orthonormal DCT-II ordinates c of two axes and the share
@@ -106,18 +106,18 @@ def correlation(y: Any, rate: Numbers, fits: Sequence[Any], *, confidence: float
     ----------
     Interval of a correlation: R. A. Fisher, Metron 1, 1921.
     """
-    rate, confidence, y = checked_rate(rate), checked_confidence(confidence), checked_record(y)
-    if y.ndim != 2 or len(fits) != y.shape[1]:
-        raise DataError(f"one noise model for each axis: got {len(fits)} models and a record of the shape {np.shape(y)}")
+    rate, confidence, record = checked_rate(rate), checked_confidence(confidence), checked_record(y)
+    if record.ndim != 2 or len(fits) != record.shape[1]:
+        raise DataError(f"one noise model for each axis: got {len(fits)} models and a record of the shape {np.shape(record)}")
     models = [fit if isinstance(fit, Noise) else fit.noise for fit in fits]
     strength = np.array([float(model.N) for model in models])
     if np.any(strength <= 0.0):
         raise DataError(f"axis {int(np.argmin(strength))} has no white noise, N = 0: there is nothing to be correlated")
-    gone = np.isnan(y).any(axis=1)
+    gone = np.isnan(record).any(axis=1)
     start, stop = longest_run(~gone)
     said = [FINDINGS("stretch", start=int(start), stop=int(stop))] if gone.any() else []
     # a transform of some lengths takes several times as long as of others nearby
-    part = np.ascontiguousarray(y[start : start + scipy.fft.prev_fast_len(stop - start)].T)
+    part = np.ascontiguousarray(record[start : start + scipy.fft.prev_fast_len(stop - start)].T)
     n, axes = part.shape[1], len(models)
     if n < _FEWEST:
         raise DataError(f"the longest stretch without gaps has {n} samples; a correlation needs {_FEWEST:.0f} at least")

@@ -13,7 +13,7 @@ import numpy as np
 from .._errors import DataError
 from .._precision import host_float64, is_traced
 from .._quality import checked_rate
-from .._types import AnyArray, Numbers
+from .._types import AnyArray, Numbers, Samples
 from ._model import Noise
 from ._observed import Observed
 from ._ordinates import bins_of
@@ -96,7 +96,7 @@ _compiled = jax.jit(partial(_log_likelihood, jnp))
 
 
 @host_float64
-def log_likelihood(y: Any, rate: Numbers) -> LogLikelihood:
+def log_likelihood(y: Samples, rate: Numbers) -> LogLikelihood:
     """Whittle log-likelihood of a record, as a function of a noise model. Use it for your own optimiser or sampler.
 
     If the record has gaps, its ordinates are estimated from the observed samples under the noise model that `fit` finds, and each is
@@ -133,15 +133,15 @@ def log_likelihood(y: Any, rate: Numbers) -> LogLikelihood:
     ----------
     P. Whittle, J. R. Stat. Soc. B 15, 1953, on the DCT-II in place of the periodogram.
     """
-    y = y if is_traced(y) else np.asarray(y, dtype=np.float64)
-    if y.ndim != 1:
-        raise DataError(f"y must be (n,), one channel; got shape {y.shape}")
+    record: Any = y if is_traced(y) else np.asarray(y, dtype=np.float64)
+    if record.ndim != 1:
+        raise DataError(f"y must be (n,), one channel; got shape {record.shape}")
     dt = 1.0 / checked_rate(rate)
     terms = tuple(BUILT_IN[term] for term in _TERMS)
     if is_traced(y):
-        bins = bins_of(y, dt, terms)
+        bins = bins_of(record, dt, terms)
     else:
-        observed = Observed(y, dt)
+        observed = Observed(record, dt)
         bins = observed.bins(terms) if observed.complete else solve(observed, terms, None).bins
     columns = {term: bins.columns[:, i] for i, term in enumerate(_TERMS)}
     return LogLikelihood(bins.frequency, bins.density * bins.unit, bins.weight, columns, np.zeros_like(bins.frequency), dt)

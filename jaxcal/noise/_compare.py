@@ -11,7 +11,7 @@ from .._answer import Finding, Grid, Number, Result, Section
 from .._errors import DataError
 from .._precision import host_float64
 from .._quality import checked_rate, checked_record, refuse_infinite
-from .._types import AnyArray, Numbers
+from .._types import AnyArray, Numbers, Samples
 from ._likelihood import scoring
 from ._observed import Observed
 from ._solve import FILTER, Fitted, solve
@@ -74,7 +74,7 @@ class Comparison(Result):
 
 
 @host_float64
-def compare(y: Any, rate: Numbers, *, rivals: Sequence[str] = tuple(_RIVALS)) -> Comparison:
+def compare(y: Samples, rate: Numbers, *, rivals: Sequence[str] = tuple(_RIVALS)) -> Comparison:
     """Compare models of the slow noise of a record by their likelihoods. Q and N are part of each model.
 
     `fit` gives the coefficients of IEEE Std 952, whichever process made the noise. Use `compare` where a filter must predict beyond the
@@ -108,15 +108,15 @@ def compare(y: Any, rate: Numbers, *, rivals: Sequence[str] = tuple(_RIVALS)) ->
     ----------
     H. Akaike, IEEE Trans. Autom. Control 19, 1974.
     """
-    rate, y = checked_rate(rate), checked_record(y)
+    rate, record = checked_rate(rate), checked_record(y)
     if unknown := set(rivals) - set(_RIVALS):
         raise DataError(f"unknown rivals {', '.join(sorted(unknown))}; expected some of {', '.join(_RIVALS)}", code="unknown_rival")
-    if y.ndim != 1:
-        raise DataError(f"y must be (n,), one channel; got shape {y.shape}")
-    refuse_infinite(y, "y")
+    if record.ndim != 1:
+        raise DataError(f"y must be (n,), one channel; got shape {record.shape}")
+    refuse_infinite(record, "y")
     dt = 1.0 / rate
-    solved = solve(Observed(y, dt), tuple(BUILT_IN[term] for term in "QNBK"), None)
-    fitted, names, duration = solved.fitted, solved.names, len(y) * dt
+    solved = solve(Observed(record, dt), tuple(BUILT_IN[term] for term in "QNBK"), None)
+    fitted, names, duration = solved.fitted, solved.names, len(record) * dt
     base = np.array([name in ("Q", "N", FILTER) for name in names])
     _, white = _fitted(fitted, base, (), dt)
     found = []

@@ -15,13 +15,14 @@ the length of the record.
 
 import functools
 import itertools
+from collections.abc import Sequence
 
 import jax
 import numpy as np
 
 from .._errors import DataError
 from .._precision import array_module, host_float64
-from .._types import Any, AnyArray, Float
+from .._types import AnyArray, Checked, Float
 from ._model import Noise
 from ._terms import Ramp, Term
 
@@ -51,7 +52,7 @@ def covariance_tensor(samples: int, m: tuple[int, ...], dt: float, terms: tuple[
 
 
 @host_float64
-def allan_covariance(noise: Noise, samples: int, m: Any, dt: float) -> Float[AnyArray, "clusters clusters"]:
+def allan_covariance(noise: Noise, samples: int, m: Checked[Sequence[int] | AnyArray], dt: float) -> Float[AnyArray, "clusters clusters"]:
     r"""Exact covariance of the overlapped Allan variances of a record, across cluster sizes.
 
     If second differences of Gaussian noise have the covariance c(h) at a lag of h samples, their squares have the covariance 2 c(h)^2,

@@ -12,7 +12,7 @@ import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from .._precision import is_traced
-from .._types import Any, Float, Numbers
+from .._types import Any, Checked, Float, Numbers
 from ._model import Noise, checked_sampling
 from ._terms import GaussMarkov, Term
 
@@ -87,7 +87,7 @@ class StateSpace(eqx.Module):
     names: tuple[str, ...] = eqx.field(static=True)
 
 
-def discrete(noise: Any, rate: Numbers, *, states: Numbers | None = None, band: Numbers | None = None) -> StateSpace:
+def discrete(noise: Checked[Noise], rate: Numbers, *, states: Numbers | None = None, band: Numbers | None = None) -> StateSpace:
     r"""Convert noise to a state-space model at a sampling rate: the process and measurement noise of a Kalman filter.
 
     Every term except flicker is exact. Flicker has no state-space form with finitely many states. A sum of first-order Gauss-Markov

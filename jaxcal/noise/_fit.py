@@ -6,10 +6,10 @@ import numpy as np
 
 from .._errors import DataError
 from .._frozen import replaced
-from .._log import as_log
+from .._log import LogLike, as_log
 from .._message import Message
 from .._precision import host_float64
-from .._types import Any, Numbers
+from .._types import Leaf, Numbers, Samples
 from ..evidence._find import ranges
 from ..evidence._values import at_own_rate
 from ._axes import findings_of_axes
@@ -23,7 +23,7 @@ from ._whittle import fit_axes
 
 
 def fit(
-    y: Any, rate: Any, *, method: str = "whittle", terms: Sequence[str | Term] = ("Q", "N", "B", "K"), confidence: float = 0.95,
+    y: Samples, rate: Leaf, *, method: str = "whittle", terms: Sequence[str | Term] = ("Q", "N", "B", "K"), confidence: float = 0.95,
     band: Numbers | None = None,
 ) -> NoiseFit:  # fmt: skip
     r"""Noise coefficients of a static record, with intervals.
@@ -110,7 +110,7 @@ def _of_sensor(record: Record, asked: Asked) -> list[NoiseFit]:
 
 
 def characterise(
-    log: Any, *, rate: float | None = None, method: str = "whittle", terms: Sequence[str | Term] = ("Q", "N", "B", "K"),
+    log: LogLike, *, rate: float | None = None, method: str = "whittle", terms: Sequence[str | Term] = ("Q", "N", "B", "K"),
     confidence: float | int = 0.95, band: Numbers | None = None, progress: Callable[[int, int, str], None] | None = None,
 ) -> NoiseFits:  # fmt: skip
     """Noise coefficients of every gyroscope, accelerometer and magnetometer channel of a static log.

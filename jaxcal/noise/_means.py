@@ -1,17 +1,15 @@
 """`mean_covariance`: covariance of the means over several stretches of one record."""
 
-from typing import Any
-
 import numpy as np
 
 from .._errors import DataError
 from .._precision import array_module, host_float64
-from .._types import AnyArray
+from .._types import AnyArray, Samples
 from ._model import Noise
 
 
 @host_float64
-def mean_covariance(noise: Noise, start: Any, dwell: Any, weight: Any = None) -> AnyArray:
+def mean_covariance(noise: Noise, start: Samples, dwell: Samples, weight: Samples | None = None) -> AnyArray:
     r"""Exact covariance of the means of a sensor's noise over several stretches of one record.
 
     With G the generalised covariance of the integral of the noise (`Term.integral`), the means over [a, a + A] and [b, b + B] have
@@ -54,23 +52,23 @@ def mean_covariance(noise: Noise, start: Any, dwell: Any, weight: Any = None) ->
     G. Matheron, Adv. Appl. Prob. 5, 1973, 439-468 (generalised covariances).
     """
     xp = array_module(noise, start, dwell, weight)
-    start, dwell = xp.asarray(start), xp.asarray(dwell)
-    if start.ndim != 1 or start.shape != dwell.shape:
-        raise DataError(f"start has shape {start.shape} and dwell {dwell.shape}; give one number for each stretch")
+    begin, length = xp.asarray(start), xp.asarray(dwell)
+    if begin.ndim != 1 or begin.shape != length.shape:
+        raise DataError(f"start has shape {begin.shape} and dwell {length.shape}; give one number for each stretch")
     if any(np.ndim(coefficient) for _, coefficient, _ in noise.parts):
         raise DataError("noise must be the model of one channel; take noise.channel(i)")
-    size = dwell if weight is None else xp.asarray(weight)
+    size = length if weight is None else xp.asarray(weight)
     whole = xp.sum(size)
     share = size / xp.where(whole > 0, whole, 1)
-    end = start + dwell
-    area = dwell[:, None] * dwell[None, :]
-    lags = xp.stack([first[:, None] - second[None, :] for first, second in ((end, end), (end, start), (start, end), (start, start))])
+    end = begin + length
+    area = length[:, None] * length[None, :]
+    lags = xp.stack([first[:, None] - second[None, :] for first, second in ((end, end), (end, begin), (begin, end), (begin, begin))])
     total = wander = xp.zeros_like(area)
     for name, coefficient, term in noise.parts:
         if isinstance(coefficient, (int, float)) and coefficient == 0:
             continue  # not part of the model
         if name == "N":
-            total = total + xp.diag(coefficient**2 / dwell)
+            total = total + xp.diag(coefficient**2 / length)
             continue
         g = term.integral(lags)
         part = coefficient**2 * (g[0] - g[1] - g[2] + g[3]) / area

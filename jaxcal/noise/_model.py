@@ -10,7 +10,7 @@ import numpy as np
 from .._errors import DataError
 from .._precision import array_module, host_float64, real_numbers
 from .._quality import checked_rate, checked_whole
-from .._types import Any, Numbers, Real
+from .._types import Any, Leaf, Numbers, Real, Seed
 from ._terms import BUILT_IN, GaussMarkov, Sinusoid, Term
 
 #: letters of the built-in terms, in the order of every table
@@ -62,11 +62,11 @@ class Noise(eqx.Module):
     IEEE Std 952-1997, annex C. The exact forms for sampled data follow from the phase covariance, see `avar`.
     """
 
-    Q: Any = eqx.field(default=0.0, converter=_number)
-    N: Any = eqx.field(default=0.0, converter=_number)
-    B: Any = eqx.field(default=0.0, converter=_number)
-    K: Any = eqx.field(default=0.0, converter=_number)
-    R: Any = eqx.field(default=0.0, converter=_number)
+    Q: Leaf = eqx.field(default=0.0, converter=_number)
+    N: Leaf = eqx.field(default=0.0, converter=_number)
+    B: Leaf = eqx.field(default=0.0, converter=_number)
+    K: Leaf = eqx.field(default=0.0, converter=_number)
+    R: Leaf = eqx.field(default=0.0, converter=_number)
     markov: tuple[tuple[Any, Any], ...] = eqx.field(default=(), converter=_pairs)
     sinusoid: tuple[tuple[Any, Any], ...] = eqx.field(default=(), converter=_pairs)
     further: tuple[tuple[Any, Term], ...] = eqx.field(default=(), converter=_pairs)
@@ -212,7 +212,7 @@ class Noise(eqx.Module):
         """
         return self._sum("psd", f, dt)
 
-    def simulate(self, n: Numbers, rate: Numbers, *, seed: Any, resolution: Numbers | None = None) -> Any:
+    def simulate(self, n: Numbers, rate: Numbers, *, seed: Seed, resolution: Numbers | None = None) -> Any:
         r"""Samples of this noise, exact in distribution.
 
         Terms of your own without a `simulate` of their own are approximate. They are drawn from their density at frequencies eight times as

@@ -12,7 +12,7 @@ from .._arrays import namespace
 from .._errors import DataError
 from .._frozen import replaced
 from .._precision import map_ordered
-from .._types import AnyArray
+from .._types import AnyArray, Held, Leaf
 from ..allan import Deviation
 from ..allan._uncertainty._edf import interval_factors
 from ..fitting._estimate import NamedMatrix
@@ -106,11 +106,11 @@ class NoiseFit(Result):
     presence: dict[str, Any]
     significance: dict[str, Any]
     covariance: NamedMatrix
-    goodness: Any
+    goodness: Leaf
     longer_record: dict[str, Any]
     band: tuple[Any, Any]
     deviation: Any
-    used: Any
+    used: Held | None
     duration: float
     terms: tuple[str, ...] = eqx.field(static=True)
     confidence: float = eqx.field(static=True)

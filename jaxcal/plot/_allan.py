@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._errors import DataError
+from .._types import Given
 from ..allan import Deviation
 from ..noise import Noise, NoiseFit
 from ._channels import ModelledChannel, draw_curves, draw_groups, finish
-from ._style import INK, MOST, MUTED, SHADE, cannot_draw, log_axes, text_only
+from ._style import INK, MOST, MUTED, SHADE, Drawing, cannot_draw, log_axes, text_only
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -67,7 +68,7 @@ class _Channel(ModelledChannel):
         return self.term_lines(ax, () if self.model is None else self.model.terms, zorder=1.5)  # behind the points
 
 
-def allan(result: Any, ax: Any = None) -> Any:
+def allan(result: Given, ax: Drawing | None = None) -> Any:
     """Draw Allan deviations on log-log axes: points, chi-square interval, fitted model.
 
     The vertical axis is in the unit of the bias instability (gyroscope deg/h, accelerometer mg, magnetometer nT) if the name of the

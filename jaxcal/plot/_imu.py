@@ -5,14 +5,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._errors import DataError
+from .._types import Given
 from ..imu import ImuFit
-from ._style import INK, MUTED, SERIES, cannot_draw, stacked, style_axes
+from ._style import INK, MUTED, SERIES, Drawing, cannot_draw, stacked, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def imu(result: Any, ax: Any = None) -> Any:
+def imu(result: Given, ax: Drawing | None = None) -> Any:
     """Draw the residuals of a multi-position calibration: magnitudes in the poses, angle errors after the turns, rates at rest.
 
     Hollow points are poses and turns to which the robust loss gives less weight. Bands show one standard deviation found by the fit.

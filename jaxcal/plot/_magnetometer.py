@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._errors import DataError
+from .._types import Checked, Samples
 from .._units import shown_in
 from ..magnetometer import MagFit, heading_uncertainty
 from ..magnetometer._result import quantity_of
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 _AFTER, _BEFORE, *_ = SERIES
 
 
-def sphere(m: Any, found: Any, axes: Any = None) -> Any:
+def sphere(m: Samples, found: Checked[MagFit], axes: Checked[list[Any] | np.ndarray] | None = None) -> Any:
     """Draw readings before and after the calibration, in the three planes and in space, with the circle that they should fill.
 
     Parameters
@@ -73,7 +74,7 @@ def sphere(m: Any, found: Any, axes: Any = None) -> Any:
     return axes
 
 
-def coverage(found: Any, ax: Any = None) -> Any:
+def coverage(found: Checked[MagFit], ax: Checked[Axes] | None = None) -> Any:
     """Draw an equal-area map of the corrected field's directions: readings per region, and the missing regions.
 
     Longitude runs from x (0) to y (90 degrees), latitude from -z to +z. Crosses show where further readings would help most.
@@ -119,7 +120,7 @@ def coverage(found: Any, ax: Any = None) -> Any:
     return ax
 
 
-def heading_error(found: Any, ax: Any = None) -> Any:
+def heading_error(found: Checked[MagFit], ax: Checked[Axes] | None = None) -> Any:
     """Draw the standard deviation of the heading after the fit, against heading, at level and at 20 degrees of tilt.
 
     Parameters

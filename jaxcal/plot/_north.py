@@ -7,9 +7,10 @@ import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from .._special import NORMAL95
+from .._types import Given
 from .._units import factor, shown_in
 from ..alignment import AlignmentFit, Positions, Readings
-from ._style import INK, MUTED, SERIES, SHADE, cannot_draw, stacked, style_axes
+from ._style import INK, MUTED, SERIES, SHADE, Drawing, cannot_draw, stacked, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -18,7 +19,7 @@ _, _DEG = shown_in("angle")
 _SENSORS = (("accel", "Specific force (m/s²)", "m/s^2"), ("gyro", "Rate (deg/h)", "deg/h"))
 
 
-def north(readings: Any, result: Any, ax: Any = None) -> Any:
+def north(readings: Given, result: Given, ax: Drawing | None = None) -> Any:
     """Draw readings against the table angle with the fitted model, and the azimuth's distribution.
 
     A line shows the prediction of the fitted parameters at every table angle for mounting "x" or "y". A sensor

@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._errors import DataError
+from .._types import Given
 from ..noise import Noise, NoiseFit
 from ..spectrum import Spectrum
 from ._channels import ModelledChannel, draw_curves, draw_groups, finish, term_names
-from ._style import MOST, cannot_draw, log_axes, number_label
+from ._style import MOST, Drawing, cannot_draw, log_axes, number_label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -62,7 +63,7 @@ class _Channel(ModelledChannel):
         return lines
 
 
-def spectrum(result: Any, ax: Any = None, noise: Any = None) -> Any:
+def spectrum(result: Given, ax: Drawing | None = None, noise: Given | None = None) -> Any:
     """Draw power spectral densities on log-log axes: density, chi-square interval, noise model.
 
     The vertical axis is in the squared unit of the bias instability per Hz (gyroscope deg/h, accelerometer mg, magnetometer nT) if the
@@ -99,7 +100,7 @@ def spectrum(result: Any, ax: Any = None, noise: Any = None) -> Any:
     models = noise if isinstance(noise, Mapping) else dict.fromkeys(named, noise)
     channels = [channel for name, item in named.items() for channel in _channels(str(name), item, models.get(name))]
     if channels and models and not set(models) & set(named):
-        raise DataError(f"noise names none of the channels drawn: it has {', '.join(map(str, noise))}", code="channels")
+        raise DataError(f"noise names none of the channels drawn: it has {', '.join(map(str, models))}", code="channels")
     return draw_groups(channels, ax, _draw, key=lambda channel: (channel.sensor, channel.spectrum.sided))
 
 

@@ -5,17 +5,22 @@ import math
 import os
 import pathlib
 import re
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from .._errors import DataError, ExportError
 from .._files import write_atomically
+from .._types import Checked
 from .._units import noise_factor, noise_units
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+#: axes to draw on
+Drawing: TypeAlias = Checked["Axes | Sequence[Axes] | np.ndarray"]
 
 INK = "#1b1f24"
 MUTED = "#68707c"
@@ -113,7 +118,7 @@ def _tick(value: float, position: Any = None) -> str:
     return f"${lead}10^{{{exponent}}}$"
 
 
-def save(figure: Any, path: str | os.PathLike[str], *, dpi: float | int = 150) -> None:
+def save(figure: Checked["Figure | Axes | np.ndarray"], path: str | os.PathLike[str], *, dpi: float | int = 150) -> None:
     """Write a figure to a file, in one step.
 
     Parameters

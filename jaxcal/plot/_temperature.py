@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._special import NORMAL95
+from .._types import Given
 from ..temperature import TemperatureFit
 from ._channels import Channel, draw_groups
-from ._style import INK, MOST, MUTED, SENSORS, SERIES, cannot_draw, interval_labels, number_label, place_legend, style_axes
+from ._style import INK, MOST, MUTED, SENSORS, SERIES, Drawing, cannot_draw, interval_labels, number_label, place_legend, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,7 +26,7 @@ class _Channel(Channel):
         return (np.asarray(bias) - float(np.asarray(model.curve.value(np.asarray((model.low + model.high) / 2))))) / self.unit[0]
 
 
-def temperature(result: Any, ax: Any = None) -> Any:
+def temperature(result: Given, ax: Drawing | None = None) -> Any:
     """Draw the change of bias with temperature: means over 0.1 degC, the model with its interval, and jumps as dotted lines.
 
     Each channel is drawn relative to its value at the middle of the range, so that several can share an axis. The vertical axis is in the
@@ -55,7 +56,7 @@ def temperature(result: Any, ax: Any = None) -> Any:
     >>> jaxcal.plot.temperature({"gyro_x": found}).get_ylabel()
     'Change of bias (°/h)'
     """
-    named = result if isinstance(result, Mapping) else {"": result}
+    named: Mapping[str, Any] = result if isinstance(result, Mapping) else {"": result}
     for fit in named.values():
         if not isinstance(fit, TemperatureFit):
             raise cannot_draw(fit, "a TemperatureFit, or a dictionary channel -> these")

@@ -4,12 +4,14 @@ import datetime
 import importlib.metadata
 import os
 import pathlib
+from collections.abc import Sequence
 from typing import Any
 
 from .._answer import Reader
 from .._errors import DataError
 from .._files import write_atomically
 from .._log import Log
+from .._types import Checked, Given
 from ._answer import answer_page, badge
 from ._html import Markup, inside, join, recorded, section, table, tag
 from ._page import page
@@ -17,7 +19,14 @@ from ._page import page
 _TITLES = {"Noise": "Sensor noise", "Alignment": "Alignment on a turntable"}  # if neither device nor file is known
 
 
-def write(results: Any, path: str | os.PathLike[str], *, log: Any = None, device: str | None = None, reader: Reader = "python") -> None:
+def write(
+    results: Given | Sequence[Any],
+    path: str | os.PathLike[str],
+    *,
+    log: Checked[Log] | None = None,
+    device: str | None = None,
+    reader: Reader = "python",
+) -> None:
     """Write a report: one self-contained HTML file for light and dark screens, phones and paper.
 
     The report begins with the verdict, the main picture, the warnings that matter most, and the numbers with their intervals. Further

@@ -9,7 +9,7 @@ import numpy as np
 from .._answer import Finding
 from .._precision import host_float64
 from .._quality import checked_rate
-from .._types import Any
+from .._types import Any, Checked, Leaf, Samples
 from ..evidence._uneven import widened
 from . import _ordinates
 from ._average import GROUPS, Groups, average as average_over
@@ -20,14 +20,14 @@ from ._result import Spectrum
 
 @host_float64
 def density(
-    y: Any,
-    rate: Any,
+    y: Samples,
+    rate: Leaf,
     *,
     method: str = "periodogram",
     sided: int = 2,
-    average: Any = "octave",
+    average: Checked[str] = "octave",
     confidence: float | int = 0.95,
-    segment: Any = None,
+    segment: Checked[int] | None = None,
     overlap: float | int = 0.5,
     keep_tail: bool = False,
 ) -> Spectrum:
@@ -91,16 +91,16 @@ def density(
     """
     check_options(method, sided, average, confidence)
     rate = checked_rate(rate)
-    y = checked_record(y, rate)
-    samples = y.shape[0]
+    record = checked_record(y, rate)
+    samples = record.shape[0]
     length, step = checked_segment(segment, overlap, method, samples)
-    x, like = _centred(y)
+    x, like = _centred(record)
     if method == "welch":
         found = _ordinates.welch(x, 1.0 / rate, length, step)
     else:
         found = (_ordinates.periodogram if method == "periodogram" else _ordinates.dct)(x, 1.0 / rate)
     cut = (length, step, (samples - length) // step + 1)
-    return spectrum_of(found, rate, method, sided, average, confidence, bool(keep_tail), cut, y.ndim == 1, like, x.T)
+    return spectrum_of(found, rate, method, sided, average, confidence, bool(keep_tail), cut, record.ndim == 1, like, x.T)
 
 
 def spectrum_of(

@@ -10,7 +10,7 @@ import scipy  # loads its parts when they are first used
 
 from .._frozen import Model
 from .._precision import array_module
-from .._types import AnyArray, Numbers, Real
+from .._types import AnyArray, Held, Leaf, Numbers, Real
 
 
 def sigmoid(t: Real, centre: Real, width: Real) -> Any:
@@ -64,9 +64,9 @@ class Chebyshev(AbstractCurve):
     [0.5 1.  1.5]
     """
 
-    coefficients: Any
-    low: Any
-    high: Any
+    coefficients: Held
+    low: Leaf
+    high: Leaf
 
     def value(self, t: Numbers) -> AnyArray:
         """Compute the bias by Clenshaw's recurrence, C. W. Clenshaw, Math. Comp. 9 (1955) 118."""
@@ -99,9 +99,9 @@ class Steps(AbstractCurve):
     """
 
     base: Chebyshev
-    height: Any
-    centre: Any
-    width: Any
+    height: Held
+    centre: Held
+    width: Held
 
     def value(self, t: Numbers) -> AnyArray:
         """Compute the sum of the series and all steps."""
@@ -130,8 +130,8 @@ class Piecewise(AbstractCurve):
     [1.  1.5 1. ]
     """
 
-    nodes: Any
-    coefficients: Any
+    nodes: Held
+    coefficients: Held
 
     def value(self, t: Numbers) -> AnyArray:
         """Compute the bias by Horner's rule in the piece of each temperature."""

@@ -8,7 +8,7 @@ import numpy as np
 from .._answer import Finding, Message, Quantity
 from .._errors import DataError
 from .._precision import host_float64, is_traced
-from .._types import AnyArray
+from .._types import AnyArray, Checked, Real, Samples
 from .._units import si_unit_of
 from ..fitting import Estimate, Fit
 from ._auto import choose, curve_of, design_of, next_variance
@@ -28,14 +28,14 @@ MODELS = ("auto", "polynomial", "table")
 
 @host_float64
 def fit(
-    temperature: Any,
-    bias: Any,
+    temperature: Samples,
+    bias: Samples,
     *,
-    model: Any = "auto",
+    model: Checked[str | ThermalModel | AbstractCurve | type[AbstractCurve]] = "auto",
     degree: int | None = None,
-    time: Any = None,
-    lag: Any = None,
-    play: Any = None,
+    time: Samples | None = None,
+    lag: Checked[Real | str] | None = None,
+    play: Checked[Real | str] | None = None,
     sensor: str = "",
     confidence: float = 0.95,
 ) -> Any:
@@ -99,15 +99,15 @@ def fit(
     several = isinstance(temperature, (list, tuple)) and len(temperature) > 0 and np.ndim(temperature[0]) == 1
     if not several and is_traced(temperature, bias, time, model, lag, play):
         return traced(temperature, bias, model, degree, time, 0.0 if lag is None else lag, 0.0 if play is None else play, quantity)
-    lag, play = _check(model, degree, lag, play, confidence, time)
+    slow, slack = _check(model, degree, lag, play, confidence, time)
     records = _records(temperature, bias, time) if several else [record(temperature, bias, time)]
     auto = isinstance(model, str) and model == "auto"
     if not auto and several:
         raise DataError(Message("{count} records need {option.model:auto}; or join them", count=len(records)), code="one_record")
     design = design_of(records, smooth=auto)
-    given = Form(lag=0.0 if lag == "auto" else float(lag), play=0.0 if play == "auto" else float(play))
+    given = Form(lag=0.0 if slow == "auto" else float(slow), play=0.0 if slack == "auto" else float(slack))
     if auto:
-        return _smooth(design, records, given, (lag, play), float(confidence), quantity)
+        return _smooth(design, records, given, (slow, slack), float(confidence), quantity)
     return _given(model, degree, design, records[0], given, float(confidence), quantity)
 
 

@@ -24,7 +24,7 @@ def polynomial_curve(bins: Bins, low: float, high: float, degree: int) -> Chebys
 
 def monomials(curve: Chebyshev) -> AnyArray:
     """Convert a Chebyshev series to the coefficients a1, a2, ... of the powers of T, equation (5.3) of the thesis."""
-    centre, half = (curve.high + curve.low) / 2, (curve.high - curve.low) / 2
+    centre, half = float(curve.high + curve.low) / 2, float(curve.high - curve.low) / 2
     powers, total = chebyshev.cheb2poly(curve.coefficients), np.zeros(1)
     for coefficient in powers[::-1]:
         total = polynomial.polyadd(polynomial.polymul(total, [-centre / half, 1 / half]), [coefficient])

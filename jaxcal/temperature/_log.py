@@ -7,7 +7,7 @@ import numpy as np
 
 from .._answer import Message
 from .._errors import DataError
-from .._log import Log, as_log
+from .._log import Log, LogLike, as_log
 from .._types import AnyArray
 from ._findings import FINDINGS
 from ._fit import fit
@@ -17,7 +17,7 @@ _SENSORS = ("gyro", "accel", "mag")
 
 
 def characterise(
-    log: Any, *, rate: float | None = None, progress: Callable[[int, int, str], None] | None = None, **options: Any
+    log: LogLike, *, rate: float | None = None, progress: Callable[[int, int, str], None] | None = None, **options: Any
 ) -> TemperatureFits:
     """Fit a thermal model to every gyroscope, accelerometer and magnetometer channel of a log of a sensor at rest.
 

@@ -10,9 +10,10 @@ import scipy  # loads its parts when they are first used
 from .._answer import Curve, Finding, Grid, Number, Result, Results, Section, joined_names
 from .._precision import host_float64
 from .._special import NORMAL95
-from .._types import AnyArray, Numbers
+from .._types import AnyArray, Checked, Leaf, Numbers
 from .._units import shown_in
 from ..fitting import Estimate
+from ..noise import Noise
 from ._model import ThermalModel
 from ._record import Bins
 
@@ -94,10 +95,10 @@ class TemperatureFit(Result):
     model: ThermalModel
     bins: Bins
     residual: AnyArray
-    rms: Any
+    rms: Leaf
     kind: str = eqx.field(static=True)
     quantity: str = eqx.field(static=True, default="")
-    degree: Any = None
+    degree: Checked[int | None] = None
     estimate: Estimate = eqx.field(default_factory=no_estimate)
     chances: tuple[float, ...] = ()
     worst: Any = None
@@ -106,8 +107,8 @@ class TemperatureFit(Result):
     error: Any = None
     next_error: Any = None
     level: tuple[float, int] = eqx.field(static=True, default=(0.0, 0))
-    noise: Any = None
-    thermometer: Any = None
+    noise: Checked[Noise | None] = None
+    thermometer: Leaf | None = None
     confidence: float = eqx.field(static=True, default=0.95)
     findings: tuple[Finding, ...] = eqx.field(static=True, default=())
 

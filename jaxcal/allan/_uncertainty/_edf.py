@@ -13,7 +13,7 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from ..._errors import DataError
-from ..._types import Any, Float
+from ..._types import Float, Samples
 from .._kinds import Kind, autocorrelation, find_kind
 from ._tables import GREENHALL_RILEY
 
@@ -167,7 +167,7 @@ def _short(total, j, s, f, alpha: int, order: int) -> np.ndarray:
     return _basic_sum(j, total, s, f, alpha, order) / (total * _sz(np.zeros_like(s), f, alpha, order) ** 2)
 
 
-def degrees_of_freedom(m: Any, alpha: Any, kind: str | Kind, samples: Any) -> Float[np.ndarray, "..."]:
+def degrees_of_freedom(m: Samples, alpha: Samples, kind: str | Kind, samples: Samples) -> Float[np.ndarray, "..."]:
     """Equivalent degrees of freedom of a variance, for a record without gaps.
 
     The variance times edf over its expectation is nearly chi-square with edf degrees of freedom ("combined" algorithm of Greenhall and

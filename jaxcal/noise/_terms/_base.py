@@ -7,7 +7,7 @@ import equinox as eqx
 import numpy as np
 
 from ..._errors import DataError
-from ..._types import AnyArray, Float, Real
+from ..._types import AnyArray, Float, Real, Samples
 from . import _numeric
 
 
@@ -32,10 +32,10 @@ class Block(eqx.Module):
     ('walk',)
     """
 
-    transition: Any = ()
-    process: Any = ()
-    output: Any = ()
-    initial: Any = ()
+    transition: Samples = ()
+    process: Samples = ()
+    output: Samples = ()
+    initial: Samples = ()
     white: float = 0.0
     names: tuple[str, ...] = eqx.field(static=True, default=())
 
