@@ -59,7 +59,7 @@ def device(
     files: list[File] = [
         ("report", "report.html", save_report), ("json", "device.json", save_json), ("calibration", "calibration.json", calibration),
     ]  # fmt: skip
-    plan = outputs(writing, files, f"{opt.stem(log)}-device")
+    plan = outputs(writing, files, opt.folder(log, "device"))
 
     def compute(data: Any, _: Any) -> Any:
         if data.accel is None or data.gyro is None or data.mag is None:

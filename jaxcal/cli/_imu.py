@@ -74,7 +74,7 @@ def imu(
         ("plot", "", figure(lambda plot, found, _: plot.imu(found))), ("report", "report.html", save_report),
         ("json", "imu.json", save_json), ("calibration", "calibration.json", partial(save_calibration, part="imu", device=name)),
     ]  # fmt: skip
-    plan = outputs(writing, files, f"{opt.stem(log)}-imu", formats=_EXPORTS, export=partial(save_export, part="imu", device=name))
+    plan = outputs(writing, files, opt.folder(log, "imu"), formats=_EXPORTS, export=partial(save_export, part="imu", device=name))
     opt.must_exist(regions, prior)
     asked = tuple(word for word in terms.replace(" ", "").split(",") if word)
     known = ({} if noise is None else {"noise": opt.read_noise(noise)}) | ({} if prior is None else {"prior": _prior(prior)})

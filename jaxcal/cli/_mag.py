@@ -157,7 +157,7 @@ def mag(
         change = partial(_noted, [*said, *notes], "" if flight is None else ", ".join(reading.topics or ()))
         carry_out(log, reading, running, plan, compute, change=change, command="jaxcal mag", options=options).end(running)
 
-    each(one, flight, reading, writing, f"{opt.stem(log)}-mag")
+    each(one, flight, reading, writing, opt.folder(log, "mag"))
 
 
 def _noted(said: list[str], compass: str, log: Any) -> Any:

@@ -11,7 +11,7 @@ import jaxcal
 
 from ._apply import corrected
 from ._export import FILES
-from ._options import CallError, Folder, Level, Log, Reading, Running, exported, must_be_calibration, must_exist, read_log, stem
+from ._options import CallError, Folder, Level, Log, Reading, Running, exported, folder, must_be_calibration, must_exist, read_log
 from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report, tried
 from ._screen import Screen
 from ._work import Done, carry_out, check_suited
@@ -129,7 +129,7 @@ def characterise(
         ("", "imu.yaml", tried(partial(export, format="kalibr"), jaxcal.ExportError)),
     ]  # fmt: skip
     done = carry_out(
-        path, reading, running, outputs(writing, files, f"{stem(path)}-noise", formats=_EXPORTS, export=export), compute,
+        path, reading, running, outputs(writing, files, folder(path, "noise"), formats=_EXPORTS, export=export), compute,
         change=change, command="jaxcal noise", options=options,
     )  # fmt: skip
     shown = grids_of(recordings, confidence) if also else []

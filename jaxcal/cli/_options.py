@@ -336,3 +336,9 @@ def stem(path: Path) -> str:
     """Name of a log without its suffix, from which the names of output files are made."""
     path = path.absolute()
     return Path(path.stem).stem if path.suffix == ".gz" else path.stem
+
+
+def folder(path: Path, command: str) -> str:
+    """Name of the folder for the results of a command: the log and the command, each once."""
+    name = stem(path)
+    return name if name.endswith(command) else f"{name}-{command}"

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 import jaxcal
 
 from ._export import FILES, ids_of
-from ._options import CalibrationFile, CallError, Folder, Level, Log, Reading, Running, exported, stem
+from ._options import CalibrationFile, CallError, Folder, Level, Log, Reading, Running, exported, folder, stem
 from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report
 from ._work import carry_out
 
@@ -65,7 +65,7 @@ def temperature(
         ("json", "temperature.json", save_json), ("calibration", "calibration.json", partial(save_calibration, part="temperature")),
     ]  # fmt: skip
     done = carry_out(
-        log, reading, running, outputs(writing, files, f"{stem(log)}-temperature", formats=_EXPORTS, export=export),
+        log, reading, running, outputs(writing, files, folder(log, "temperature"), formats=_EXPORTS, export=export),
         lambda data, move: jaxcal.temperature.characterise(data, progress=move, **options), command="jaxcal temperature", options=options,
     )  # fmt: skip
     done.end(running)

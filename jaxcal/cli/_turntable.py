@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 import jaxcal
 
-from ._options import WRITING, CalibrationFile, CallError, Json, Latitude, Log, Name, Out, Reading, Running, asked, stem
+from ._options import WRITING, CalibrationFile, CallError, Json, Latitude, Log, Name, Out, Reading, Running, asked, folder
 from ._outputs import File, outputs, save_calibration, save_json
 from ._work import carry_out
 
@@ -56,7 +56,7 @@ def rate_table(
     files: list[File] = [
         ("json", "rate_table.json", save_json), ("calibration", "calibration.json", partial(_save_gyro, device=name)),
     ]  # fmt: skip
-    plan = outputs(writing, files, f"{stem(log)}-rate-table")
+    plan = outputs(writing, files, folder(log, "rate-table"))
     carry_out(log, reading, running, plan, compute, command="jaxcal rate-table", options=options).end(running)
 
 
