@@ -74,7 +74,7 @@ def sphere(m: Samples, found: Checked[MagFit], axes: Checked[list[Any] | np.ndar
     return axes
 
 
-def coverage(found: Checked[MagFit], ax: Checked[Axes] | None = None) -> Any:
+def coverage(found: Checked[MagFit], ax: Checked["Axes"] | None = None) -> Any:
     """Draw an equal-area map of the corrected field's directions: readings per region, and the missing regions.
 
     Longitude runs from x (0) to y (90 degrees), latitude from -z to +z. Crosses show where further readings would help most.
@@ -120,7 +120,7 @@ def coverage(found: Checked[MagFit], ax: Checked[Axes] | None = None) -> Any:
     return ax
 
 
-def heading_error(found: Checked[MagFit], ax: Checked[Axes] | None = None) -> Any:
+def heading_error(found: Checked[MagFit], ax: Checked["Axes"] | None = None) -> Any:
     """Draw the standard deviation of the heading after the fit, against heading, at level and at 20 degrees of tilt.
 
     Parameters
