@@ -44,11 +44,13 @@ SUFFIX = {
     "csv": ".csv", "headers": ".csv", "lines": ".log", "records": ".json", "zip": ".zip",
     "npy": ".npy", "npz": ".npz", "parquet": ".parquet", "bag1": ".bag", "sqlite3": ".db3", "mcap": ".mcap",
     "ulog": ".ulg", "dataflash": ".bin", "mat5": ".mat", "hdf5": ".h5", "mat73": ".mat", "calibration": ".json",
+    "workbook": ".xlsx", "tdms": ".tdms", "lvm": ".lvm",
 }  # fmt: skip
 #: thousandths of the inputs for each reader, by the cost of an input and by how much of the reader is jaxcal's own code
 SHARE = {
-    "csv": 40, "headers": 70, "lines": 40, "records": 60, "zip": 5, "npy": 80, "npz": 40, "parquet": 100, "bag1": 100, "sqlite3": 25,
-    "mcap": 70, "ulog": 80, "dataflash": 80, "mat5": 25, "hdf5": 40, "mat73": 10, "calibration": 135,
+    "csv": 40, "headers": 70, "lines": 40, "records": 60, "zip": 5, "npy": 80, "npz": 40, "parquet": 90, "bag1": 80, "sqlite3": 25,
+    "mcap": 70, "ulog": 80, "dataflash": 80, "mat5": 25, "hdf5": 40, "mat73": 10, "calibration": 65,
+    "workbook": 40, "tdms": 40, "lvm": 20,
 }  # fmt: skip
 
 
@@ -70,6 +72,7 @@ def seeds(folder):
     import flightlogs
     import h5py
     import layouts
+    import nptdms
     import numpy as np
     import polars as pl
     import scipy.io
@@ -146,7 +149,48 @@ def seeds(folder):
     content[:128] = b"MATLAB 7.3 MAT-file".ljust(124) + b"\0\x02IM"
     found["mat73"].append(bytes(content))
     found["calibration"] += calibrations(folder)
+    rows = [["t (s)", "x (rad/s)", "y (rad/s)", "z (rad/s)"], *table[:30, :4].round(5).tolist()]
+    layouts.workbook(folder / "a.xlsx", {"Gyroscope": rows, "Notes": [["version", "1.0"]]})
+    layouts.workbook(folder / "b.xlsx", {"left": rows, "right": rows})
+    for name in ("a", "b"):
+        add("workbook", folder / f"{name}.xlsx")
+    found["workbook"].append(spreadsheet(rows))
+    for about in ({"unit_string": "g", "wf_increment": 0.01}, {}):
+        with nptdms.TdmsWriter(folder / "a.tdms") as writer:
+            channels = [nptdms.ChannelObject("imu", f"Acc{x}", accel[:, k] / 9.8, about) for k, x in enumerate("XYZ")]
+            for part in (channels, [nptdms.ChannelObject("imu", "Time", t)]) if not about else (channels,):
+                writer.write_segment(part)
+        add("tdms", folder / "a.tdms")
+    found["lvm"] += measurements(table)
     return dict(found)
+
+
+def spreadsheet(rows):
+    """An ODS file of one sheet."""
+
+    def cell(v):
+        kind = "string" if isinstance(v, str) else "float"
+        return f'<table:table-cell office:value-type="{kind}" office:value="{v}"><text:p>{v}</text:p></table:table-cell>'
+
+    body = "".join(f"<table:table-row>{''.join(map(cell, row))}</table:table-row>" for row in rows)
+    names = " ".join(f'xmlns:{one}="urn:oasis:names:tc:opendocument:xmlns:{one}:1.0"' for one in ("office", "table", "text"))
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w") as archive:
+        archive.writestr("mimetype", "application/vnd.oasis.opendocument.spreadsheet")
+        archive.writestr("META-INF/manifest.xml", "<manifest/>")
+        archive.writestr(
+            "content.xml", f'<office:document-content {names}><office:body><office:spreadsheet><table:table table:name="Gyroscope">{body}'
+            "</table:table></office:spreadsheet></office:body></office:document-content>",
+        )  # fmt: skip
+    return packed.getvalue()
+
+
+def measurements(table):
+    """LabVIEW measurement files, with a column of time and with a step."""
+    head = "LabVIEW Measurement\nWriter_Version\t2\nSeparator\tTab\nX_Columns\t{0}\n***End_of_Header***\n"
+    head += "Channels\t3\nDelta_X\t0.01\t0.01\t0.01\nY_Unit_Label\tg\tg\tg\n***End_of_Header***\nX_Value\tAccX\tAccY\tAccZ\tComment\n"
+    rows = lambda timed: "".join("\t".join([f"{r[0]:.3f}" * timed, *(f"{v / 9.8:.5f}" for v in r[4:])]) + "\t\n" for r in table[:30])  # noqa: E731
+    return [(head.format("One") + rows(True)).encode(), (head.format("No") + rows(False)).encode()]
 
 
 def lines_of(table):
@@ -526,11 +570,17 @@ def mutate(reader, number, found):
     if reader == "headers":
         content = headerwise(draw, content, others)
         return textwise(draw, content, others) if draw.random() < 0.1 else content
-    if reader == "lines" or (reader == "records" and content.count(b"\n") > 1):
+    if reader in ("lines", "lvm") or (reader == "records" and content.count(b"\n") > 1):
         return textwise(draw, content, others) if own else bytewise(draw, content, others)
-    special = {"records": in_json, "npz": zipped, "zip": zipped, "mat5": unpacked_mat, "sqlite3": in_database, "calibration": in_json}.get(
-        reader
-    )
+    special = {
+        "records": in_json,
+        "npz": zipped,
+        "zip": zipped,
+        "workbook": zipped,
+        "mat5": unpacked_mat,
+        "sqlite3": in_database,
+        "calibration": in_json,
+    }.get(reader)
     return special(draw, content, others) if special and own else bytewise(draw, content, others)
 
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 from .._errors import DataError
 from .._files import clear_hidden, hidden_name
-from ._readers._bounds import BLOCK, MOST, allowed, check_declared
+from ._readers._bounds import BLOCK, FREE_TEXT, MOST, allowed, check_declared
 
 
 def zip_kind(path: pathlib.Path) -> str:
@@ -35,8 +35,8 @@ def unpacked(path: pathlib.Path) -> Iterator[pathlib.Path]:
             raise DataError(f"the zip file holds {len(members)} files, as no log does; unpack it and give one log", code="not_a_log")
         if any(one.flag_bits & 1 for one in members):
             raise DataError("the zip file is encrypted; unpack it with its password and give the log in it", code="not_a_log")
-        check_declared(sum(one.file_size for one in members), size, "the zip file")
-        room = allowed(size)
+        check_declared(sum(one.file_size for one in members), size, "the zip file", FREE_TEXT)
+        room = allowed(size, FREE_TEXT)
         for member in members:
             place = folder / (re.sub(r"[^\w.() +-]", "_", pathlib.PurePosixPath(member.filename).name)[-120:] or "log")
             if place.exists():
@@ -44,7 +44,7 @@ def unpacked(path: pathlib.Path) -> Iterator[pathlib.Path]:
             with archive.open(member) as source, place.open("wb") as target:
                 while piece := source.read(BLOCK):
                     room -= len(piece)
-                    check_declared(0 if room >= 0 else allowed(size) + 1, size, "the zip file")
+                    check_declared(0 if room >= 0 else allowed(size) + 1, size, "the zip file", FREE_TEXT)
                     target.write(piece)
         if not members:
             raise DataError("the zip file holds no file; unpack it, and look", code="not_a_log")

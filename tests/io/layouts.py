@@ -10,6 +10,7 @@ import pathlib
 import random
 import sys
 import tempfile
+import zipfile
 
 import numpy as np
 
@@ -270,6 +271,28 @@ def score(numbers, folder, show=False):
                 print(number, outcome, truth["clock"], "|", content.decode()[:150].split("\n")[0], "|", said[:300])
         path.unlink()
     return tally, wrong
+
+
+def workbook(path, sheets):
+    """Write a workbook with sheets of inline words and numbers, by name."""
+    main, office = (
+        "http://schemas.openxmlformats.org/spreadsheetml/2006/main",
+        "http://schemas.openxmlformats.org/officeDocument/2006/relationships",
+    )
+    package = "http://schemas.openxmlformats.org/package/2006/relationships"
+    cell = lambda v: f'<c t="inlineStr"><is><t>{v}</t></is></c>' if isinstance(v, str) else f"<c><v>{v!r}</v></c>"  # noqa: E731
+    with zipfile.ZipFile(path, "w") as archive:
+        names = "".join(f'<sheet name="{name}" sheetId="{k}" r:id="r{k}"/>' for k, name in enumerate(sheets, 1))
+        archive.writestr("xl/workbook.xml", f'<workbook xmlns="{main}" xmlns:r="{office}"><sheets>{names}</sheets></workbook>')
+        parts = "".join(
+            f'<Relationship Id="r{k}" Type="{office}/worksheet" Target="worksheets/s{k}.xml"/>' for k in range(1, len(sheets) + 1)
+        )
+        archive.writestr("xl/_rels/workbook.xml.rels", f'<Relationships xmlns="{package}">{parts}</Relationships>')
+        first = f'<Relationship Id="r0" Type="{office}/officeDocument" Target="xl/workbook.xml"/>'
+        archive.writestr("_rels/.rels", f'<Relationships xmlns="{package}">{first}</Relationships>')
+        for k, rows in enumerate(sheets.values(), 1):
+            body = "".join(f"<row>{''.join(map(cell, row))}</row>" for row in rows)
+            archive.writestr(f"xl/worksheets/s{k}.xml", f'<worksheet xmlns="{main}"><sheetData>{body}</sheetData></worksheet>')
 
 
 if __name__ == "__main__":

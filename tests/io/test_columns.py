@@ -7,7 +7,6 @@ nothing (all sensors are read), the initials of the sensors that are read, or th
 import ast
 import random
 import re
-import zipfile
 
 import numpy as np
 import pytest
@@ -188,35 +187,13 @@ def test_text_of_a_program_is_read(which, tmp_path):
     check(log, truth, wanted)
 
 
-def workbook(path, sheets):
-    """Write a workbook with sheets of inline words and numbers, by name."""
-    main, office = (
-        "http://schemas.openxmlformats.org/spreadsheetml/2006/main",
-        "http://schemas.openxmlformats.org/officeDocument/2006/relationships",
-    )
-    package = "http://schemas.openxmlformats.org/package/2006/relationships"
-    cell = lambda v: f'<c t="inlineStr"><is><t>{v}</t></is></c>' if isinstance(v, str) else f"<c><v>{v!r}</v></c>"  # noqa: E731
-    with zipfile.ZipFile(path, "w") as archive:
-        names = "".join(f'<sheet name="{name}" sheetId="{k}" r:id="r{k}"/>' for k, name in enumerate(sheets, 1))
-        archive.writestr("xl/workbook.xml", f'<workbook xmlns="{main}" xmlns:r="{office}"><sheets>{names}</sheets></workbook>')
-        parts = "".join(
-            f'<Relationship Id="r{k}" Type="{office}/worksheet" Target="worksheets/s{k}.xml"/>' for k in range(1, len(sheets) + 1)
-        )
-        archive.writestr("xl/_rels/workbook.xml.rels", f'<Relationships xmlns="{package}">{parts}</Relationships>')
-        first = f'<Relationship Id="r0" Type="{office}/officeDocument" Target="xl/workbook.xml"/>'
-        archive.writestr("_rels/.rels", f'<Relationships xmlns="{package}">{first}</Relationships>')
-        for k, rows in enumerate(sheets.values(), 1):
-            body = "".join(f"<row>{''.join(map(cell, row))}</row>" for row in rows)
-            archive.writestr(f"xl/worksheets/s{k}.xml", f'<worksheet xmlns="{main}"><sheetData>{body}</sheetData></worksheet>')
-
-
 def test_a_workbook_is_read_by_sheet_or_as_a_sensor_in_each(tmp_path, refuses):
     pytest.importorskip("python_calamine")
     truth, path = signals(1), tmp_path / "log.xlsx"
     sheet = lambda one, unit: [["t (s)", *(f"{x} ({unit})" for x in "xyz")], *np.column_stack([TIME, truth[one]]).tolist()]  # noqa: E731
-    workbook(path, {"Accelerometer": sheet("a", "m/s^2"), "Gyroscope": sheet("w", "rad/s"), "Metadata": [["version", "1.0"]]})
+    layouts.workbook(path, {"Accelerometer": sheet("a", "m/s^2"), "Gyroscope": sheet("w", "rad/s"), "Metadata": [["version", "1.0"]]})
     check(jaxcal.read(path, quiet=True), truth, "wa")
-    workbook(path, {"left": sheet("a", "m/s^2"), "right": sheet("a", "m/s^2")})
+    layouts.workbook(path, {"left": sheet("a", "m/s^2"), "right": sheet("a", "m/s^2")})
     with refuses("several") as caught:
         jaxcal.read(path, quiet=True)
     check(jaxcal.read(path, quiet=True, **typed(str(caught.value))), truth, "a")

@@ -15,8 +15,8 @@ import importlib.util
 
 from ..._errors import DataError
 
-#: unpacked bytes that every file may have, of which text takes six times as much memory; those for each byte of a larger file
-FREE, _FACTOR = 3 << 24, 32
+#: unpacked bytes that every file may have; those of text, which takes ten times as much memory; those for each byte of a larger file
+FREE, FREE_TEXT, _FACTOR = 1 << 25, 1 << 23, 24
 #: bytes of a file that are read in one piece: with blocks of 4 MiB, two threads read as fast as they parse and need little memory
 BLOCK = 1 << 22
 #: samples or messages that are gathered or looked at together
@@ -25,14 +25,14 @@ PIECE = 50_000
 MOST = 5000
 
 
-def allowed(size: int) -> int:
+def allowed(size: int, free: int = FREE) -> int:
     """Largest unpacked size, in bytes, of a file of `size` bytes."""
-    return max(FREE, _FACTOR * size)
+    return max(free, _FACTOR * size)
 
 
-def check_declared(declared: int, size: int, what: str) -> None:
+def check_declared(declared: int, size: int, what: str, free: int = FREE) -> None:
     """Refuse a declared size that a file of `size` bytes cannot contain."""
-    if declared > allowed(size):
+    if declared > allowed(size, free):
         said = f"{what} is said to hold {declared} bytes in a file of {size}, more than a log can: copy it again, or save it uncompressed"
         raise DataError(said, code="too_large")
 

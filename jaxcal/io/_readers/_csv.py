@@ -137,11 +137,10 @@ class Faults:
 
 @dataclasses.dataclass
 class Block:
-    """Columns of one block, its numbers of rows and bytes, and its faults."""
+    """Columns of one block, its number of rows, and its faults."""
 
-    columns: list[np.ndarray]
+    columns: collections.deque[np.ndarray]
     rows: int
-    size: int
     faults: Faults
 
 
@@ -178,10 +177,10 @@ def _parse(pl: Any, read: Callable[[], bytes], layout: Layout) -> Block:
         frame, faults = _repair(pl, text, layout)
     if frame.to_series(layout.width - 1).null_count():
         frame = frame.filter(~pl.all_horizontal(pl.all().is_null()))
-    columns = [
+    columns = (
         _STAMPS[kind](frame.to_series(j)) if kind in _STAMPS else frame.to_series(j).to_numpy() for j, kind in enumerate(layout.kinds)
-    ]
-    return Block(columns, frame.height, len(text), faults or Faults(frame.height))
+    )
+    return Block(collections.deque(columns), frame.height, faults or Faults(frame.height))
 
 
 def _parsed(pl: Any, text: bytes, layout: Layout) -> Any:
@@ -216,25 +215,18 @@ def _fits(pl: Any, frame: Any, layout: Layout, text: bytes) -> bool:
 
 def gather(text: Text, layout: Layout, found: list[Finding]) -> list[np.ndarray]:
     """Read all rows into columns; the columns of numbers are the rows of one array."""
-    places = {j: i for i, j in enumerate(j for j, kind in enumerate(layout.kinds) if kind in ("int", "float"))}
-    others: dict[int, list[np.ndarray]] = {j: [] for j in range(layout.width) if j not in places}
-    numbers = np.empty((len(places), 0))
-    rows, faults, lines = 0, Faults(), _Lines(text, layout)
+    blocks: list[Block] = []
+    faults, lines = Faults(), _Lines(text, layout)
     for index, block in enumerate(_parsed_ahead(layout, text.blocks(text.start(layout.skip)))):
-        end = rows + block.rows
-        if end > numbers.shape[1]:
-            longer = np.empty((len(numbers), _expected(text, block, end)))
-            longer[:, :rows] = numbers[:, :rows]
-            numbers = longer
-        for j, column in enumerate(block.columns):
-            if j in places:
-                numbers[places[j], rows:end] = column
-            else:
-                others[j].append(column)
         faults.add(block.faults, lines.before(index) if block.faults.found else 0)
-        rows = end
+        blocks.append(block)
     found.extend(faults.judged(layout))
-    return [numbers[places[j], :rows] if j in places else np.concatenate(others[j] or [[]]) for j in range(layout.width)]
+    numeric = [kind in ("int", "float") for kind in layout.kinds]
+    numbers = iter(np.empty((sum(numeric), sum(block.rows for block in blocks))))
+    # a column of the blocks goes before the next is copied, so that a table is not held twice
+    return [
+        np.concatenate([block.columns.popleft() for block in blocks] or [[]], out=next(numbers) if number else None) for number in numeric
+    ]
 
 
 class _Lines:
@@ -248,13 +240,6 @@ class _Lines:
             self._lines += next(self._reads)().count(b"\n")
             self._at += 1
         return self._lines
-
-
-def _expected(text: Text, block: Block, rows: int) -> int:
-    """Number of rows to allocate; unused rows cost no memory, because they are never touched."""
-    if text.size is None or not block.size:
-        return 2 * rows
-    return max(int(1.05 * block.rows * text.size / block.size), rows + rows // 4)
 
 
 def _dates(column: Any) -> np.ndarray:

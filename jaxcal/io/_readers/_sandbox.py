@@ -127,7 +127,7 @@ def _xlsx(request: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
     import python_calamine
 
     names, arrays, left = [], [], request["allowed"]
-    with python_calamine.CalamineWorkbook.from_path(request["path"]) as book:
+    with open(request["path"], "rb") as file, python_calamine.CalamineWorkbook.from_filelike(file) as book:
         for name in book.sheet_names[: request["most"]]:
             text = io.StringIO()
             write = csv.writer(text, lineterminator="\n")

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from ..._errors import DataError
 from .._columns import SENSORS
 from .._names import OTHER_SCRIPTS, parse_name, unit_of
-from ._bounds import BLOCK, MOST, check_declared
+from ._bounds import BLOCK, FREE_TEXT, MOST, check_declared
 from ._labelled import refuse_kinds, relabelled
 from ._programs import of_program
 
@@ -151,7 +151,7 @@ def _unpacked(path: pathlib.Path, start: int) -> Iterator[bytes]:
     with _gzip_faults(), gzip.open(path) as file:
         file.read(start)
         while block := file.read(BLOCK):
-            check_declared(file.tell(), size, "the packed text")
+            check_declared(file.tell(), size, "the packed text", FREE_TEXT)
             yield block + file.readline(BLOCK)
 
 
