@@ -37,7 +37,7 @@ from ._table import Choice, Signals, Table, interpret
 
 #: readers of tables (columns= chooses), of trees of arrays (topics= names a group), and of logs of messages (topics= chooses)
 _TABLES = {"csv": read_csv, "npy": read_npy, "npz": read_npz, "parquet": read_parquet, "json": read_json}
-_TREES = {"mat": read_mat, "hdf5": read_hdf5, "tdms": read_tdms}
+_TREES = {"mat": read_mat, "hdf5": read_hdf5, "tdms": read_tdms, "xlsx": read_workbook}
 _LOGS = {"ulog": read_px4, "dataflash": read_ardupilot}
 _SI = {name: si_unit(name) for name in (*SENSORS, "temperature")}
 _NAMES = {
@@ -243,7 +243,7 @@ def opened(path: pathlib.Path, given: Asked) -> Iterator[tuple[Table | Signals, 
             inside = {"inside": inner["file"]} if inner["file"] != folder.name else {}
             yield found, inner | {"file": shown(path), "size": size, "sha256": sha256} | inside
         return
-    tables = (*_TABLES, "sensors", "xlsx")
+    tables = (*_TABLES, "sensors")
     _belongs("topics", bool(topics) and kind in (*_TABLES, "sensors"), kind, "to recordings of messages; choose with {option.columns}")
     _belongs("columns", bool(options["columns"]) and kind not in (*tables, *_TREES), kind, "to tables; choose with {option.topics}")
     _belongs("missing", options["missing"] is not None and kind not in (*tables, *_TREES), kind, "to tables; leave it out")
@@ -298,15 +298,13 @@ def _version() -> str:
 def _parse(kind: str, sources: list[pathlib.Path], topics: list[str] | None, options: dict[str, Any]) -> Table | Signals:
     if kind in _TABLES:
         return _TABLES[kind](sources[0])
-    if kind in _TREES:
-        return _TREES[kind](sources[0], topics)
     if kind in _LOGS:
         return _LOGS[kind](sources[0], topics, options["units"])
     if kind == "sensors":
         return read_sensors({file.name: lambda file=file: interpret(read_csv(file), **options) for file in sources})
-    if kind == "xlsx":
-        sheets = read_workbook(sources[0], topics)
-        return next(iter(sheets.values())) if len(sheets) == 1 else _joined(sheets, options)
+    if kind in _TREES:
+        parts = _TREES[kind](sources[0], topics)
+        return next(iter(parts.values())) if len(parts) == 1 else _joined(parts, options)
     return read_ros(sources, 1 if kind == "rosbag1" else 2, topics, options["units"])
 
 

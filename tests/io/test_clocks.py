@@ -75,11 +75,29 @@ def test_rows_of_two_devices_are_refused_in_every_format(suffix, tmp_path, refus
         jaxcal.read(path, quiet=True)
 
 
-@pytest.mark.parametrize("start", [b"H Product:Blackbox flight data", b"Device Identity\n", b"RDX3\n", b"%RAWIMUSA,1105,4"])
-def test_a_format_that_is_not_read_names_the_program_that_converts_it(start, tmp_path, refuses):
-    (tmp_path / "log").write_bytes(start + bytes(100))
-    with refuses("not_a_log"):
-        jaxcal.read(tmp_path / "log", quiet=True)
+#: formats that are not read: name, first bytes, and the program that converts them
+CONVERTED = {
+    "Betaflight": ("LOG00001.BFL", b"H Product:Blackbox flight data recorder by Nicholas Sherlock\nH Data version:2\n", "blackbox_decode"),
+    "iNav": ("LOG00001.TXT", b"H Product:Blackbox flight data recorder by Nicholas Sherlock\nH Firmware type:INAV\n", "blackbox_decode"),
+    "MAVLink": ("flight.tlog", b"\x00\x05\xe1\x9d\x0a\x2b\xc0\x00\xfe\x1c\x00\x01\x01\x1e", "mavlogdump.py"),
+    "Axivity": ("log.cwa", b"MD\xfc\x03\x01\x00\x00\x00", "cwa-convert"),
+    "GENEActiv": ("log.bin", b"Device Identity\r\nDevice Unique Serial Code:012345\r\nDevice Type:GENEActiv\r\n", "GENEActiv"),
+    "ActiGraph": ("log.gt3x", b"PK\x03\x04\x14\x00\x00\x00\x08\x00info.txt", "pygt3x"),
+    "GoPro": ("GX010001.MP4", b"\x00\x00\x00\x14ftypmp41\x20\x13\x10\x18mp41", "gpmf-extract"),
+    "R": ("log.rda", b"\x1f\x8b\x08\x00\x00\x00\x00\x00\x00\x03", "write.csv"),
+    "R, not packed": ("log", b"RDX3\nX\n\x00\x00\x00\x03", "write.csv"),
+    "NovAtel": ("log.asc", b"%RAWIMUSA,1105,425384.180;00000077,-176,", "NovAtel"),
+}
+
+
+@pytest.mark.parametrize("which", CONVERTED)
+def test_a_format_that_is_not_read_names_the_program_that_converts_it(which, tmp_path, refuses):
+    name, start, program = CONVERTED[which]
+    (tmp_path / name).write_bytes(start + bytes(100))
+    with refuses("not_a_log") as caught:
+        jaxcal.read(tmp_path / name, quiet=True)
+    assert program in str(caught.value)
+    assert str(caught.value).count(". ") == 0  # one sentence
 
 
 def test_names_that_steer_a_terminal_do_not_reach_it(tmp_path):

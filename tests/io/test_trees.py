@@ -93,6 +93,32 @@ def test_compound_types(still, tmp_path):
     np.testing.assert_array_equal(read(tmp_path / "log.h5", quiet=True).gyro, still.gyro.astype(np.float32))
 
 
+def axes(values):
+    return dict(zip("xyz", values.T, strict=True))
+
+
+STRUCTS = {
+    "structs of axes": lambda one: {"imu": {"time": one.time, "acc": axes(one.accel), "gyro": axes(one.gyro)}},
+    "a clock in each": lambda one: {"imu": {"acc": axes(one.accel) | {"t": one.time}, "gyr": axes(one.gyro) | {"t": one.time}}},
+    "data of a timeseries": lambda one: {"acc": {"Time": one.time, "Data": one.accel}, "gyro": {"Time": one.time, "Data": one.gyro}},
+    "a message of ROS": lambda one: {"imu": {
+        "Header": {"Stamp": {"Sec": 1.7e9 + np.floor(one.time), "Nsec": one.time % 1 * 1e9}},
+        "LinearAcceleration": axes(one.accel), "AngularVelocity": axes(one.gyro)}},
+    "an array of structs": lambda one: {"imu": np.array(
+        [(t, *a, *w) for t, a, w in zip(one.time, one.accel, one.gyro, strict=True)],
+        dtype=[(name, "O") for name in ("t", "ax", "ay", "az", "gx", "gy", "gz")])},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("which", STRUCTS)
+def test_structs_of_matlab(which, still, tmp_path):
+    scipy.io.savemat(tmp_path / "log.mat", STRUCTS[which](still))
+    log = read(tmp_path / "log.mat", units="gyro=rad/s", quiet=True)
+    assert log.rate == pytest.approx(100.0)
+    np.testing.assert_allclose(log.accel, still.accel)
+    np.testing.assert_allclose(log.gyro, still.gyro)
+
+
 def test_matlab_73(still, tmp_path):
     with h5py.File(tmp_path / "log.mat", "w", userblock_size=512) as file:
         for name, value in plain(still).items():

@@ -16,6 +16,7 @@ from .._findings import READ
 from .._names import parse_name
 from .._saved import parse_saved
 from .._table import Table
+from .._triples import file_kind
 from ._bounds import MOST, allowed, check_declared, require
 from ._sandbox import sandbox
 from ._streams import SeveralError
@@ -123,22 +124,22 @@ def _table(columns: list[np.ndarray], names: list[str]) -> Table:
 # arrays in places: variables, structs, groups
 
 
-def read_mat(path: pathlib.Path, topics: list[str] | None) -> Table:
+def read_mat(path: pathlib.Path, topics: list[str] | None) -> dict[str, Table]:
     """Read the variables, and fields of structs, of a MATLAB file of version 4 to 7; version 7.3 is HDF5."""
     about, arrays = _in_sandbox("mat", path, "the file")
     if not about["names"] and about["opaque"]:
         struct = "S = table2struct(T, 'ToScalar', true); save log.mat -struct S"
         raise DataError(f"it holds MATLAB objects (table, timetable), which are not public; save a struct ({struct})", code="no_sensor")
-    return _table_of_tree(about, arrays, topics, "variable")
+    return _tables_of_tree(about, arrays, topics, "variable")
 
 
-def read_tdms(path: pathlib.Path, topics: list[str] | None) -> Table:
+def read_tdms(path: pathlib.Path, topics: list[str] | None) -> dict[str, Table]:
     """Read the channels of a LabVIEW TDMS file, with their units and the rate of their waveforms."""
     require("nptdms", "reading TDMS", "tdms")
     return _rated(_in_sandbox("tdms", path, "the file"), topics, "channel")
 
 
-def read_hdf5(path: pathlib.Path, topics: list[str] | None) -> Table:
+def read_hdf5(path: pathlib.Path, topics: list[str] | None) -> dict[str, Table]:
     """Read the arrays of an HDF5 or MATLAB 7.3 file by the names of the data sets, at any depth; an attribute `units` gives the unit.
 
     Only data in the file itself are read: links to other files, external data, and virtual data sets are left out.
@@ -150,23 +151,24 @@ def read_hdf5(path: pathlib.Path, topics: list[str] | None) -> Table:
     mend = "save it as a struct of arrays (table2struct(T, 'ToScalar', true))"
     left_out = [f"{name} is a MATLAB {kind or 'object'}; {mend}" for name, kind in about["opaque"]]
     try:
-        table = _rated((about, arrays), topics, "data set")
+        tables = _rated((about, arrays), topics, "data set")
     except DataError as error:
         if left_out and not isinstance(error, SeveralError):
             raise DataError(joined_messages([error, f"not read: {'; '.join(left_out)}"]), error.code) from None
         raise
-    table.findings += [READ("not_read", what=what) for what in left_out]
-    return table
+    next(iter(tables.values())).findings.extend(READ("not_read", what=what) for what in left_out)
+    return tables
 
 
-def _rated(found: tuple[dict[str, Any], list[np.ndarray]], topics: list[str] | None, kind: str) -> Table:
-    """The table of a tree, with the rate that one attribute states."""
-    table, about = _table_of_tree(*found, topics, kind), found[0]
+def _rated(found: tuple[dict[str, Any], list[np.ndarray]], topics: list[str] | None, kind: str) -> dict[str, Table]:
+    """The tables of a tree, with the rate that one attribute states."""
+    tables, about = _tables_of_tree(*found, topics, kind), found[0]
+    table = next(iter(tables.values()))
     rates = {value for name, value in about.get("attributes", {}).items() if _is_rate(posixpath.basename(name))}
     if table.rate is None and len(rates) == 1 and next(iter(rates)) > 0:
         table.rate = rates.pop()
         table.findings.append(READ("rate_stated", rate=table.rate, source="an attribute of the file states"))
-    return table
+    return tables
 
 
 def _in_sandbox(kind: str, path: pathlib.Path, what: str) -> tuple[dict[str, Any], list[np.ndarray]]:
@@ -177,8 +179,8 @@ def _in_sandbox(kind: str, path: pathlib.Path, what: str) -> tuple[dict[str, Any
     return about, arrays
 
 
-def _table_of_tree(about: dict[str, Any], arrays: list[np.ndarray], topics: list[str] | None, kind: str) -> Table:
-    """Make a table from the arrays of one group, or from all arrays if their names are unique.
+def _tables_of_tree(about: dict[str, Any], arrays: list[np.ndarray], topics: list[str] | None, kind: str) -> dict[str, Table]:
+    """Make a table from the arrays of one group, or from all arrays if their names are unique; or one for each group of a sensor.
 
     `about` has the names of the arrays, such as ``imu0/gyro``, and units by name if the file states them. Arrays may be transposed: the
     longer side is time. `topics` is the group to read, `kind` the word for an array in messages.
@@ -188,10 +190,11 @@ def _table_of_tree(about: dict[str, Any], arrays: list[np.ndarray], topics: list
         if array.size:
             unit = about.get("units", {}).get(path)
             group, name = posixpath.split(path)
-            if name.lower() in AXES and group:  # imu/acc/x is acc_x of imu
-                group, name = posixpath.dirname(group), f"{posixpath.basename(group)}_{name}"
             name += f" [{unit}]" if unit else ""
             groups.setdefault(group, {})[name] = _upright(array.astype(array.dtype.newbyteorder("=")))
+    for group in [group for group, one in groups.items() if group and all(name.lower()[:2].strip() in AXES for name in one)]:
+        for name, array in groups.pop(group).items():  # imu/acc/x is acc_x of imu
+            groups.setdefault(posixpath.dirname(group), {})[f"{posixpath.basename(group)}_{name}"] = array
     if not groups:
         shown = [f"{path} {array.shape} {array.dtype}" for path, array in zip(about["names"][:12], arrays, strict=False)]
         said = f"no {kind} with numbers in it (there is {', '.join(shown) or 'nothing'}); save time, gyro, accel, mag as plain arrays"
@@ -202,27 +205,37 @@ def _table_of_tree(about: dict[str, Any], arrays: list[np.ndarray], topics: list
         unknown = [topic for topic in wanted if topic not in groups]
         if unknown or len(wanted) > 1:
             raise wrong("topics", f"{', '.join(unknown or wanted)}: give one of the groups {_listed(with_sensors or list(groups))}")
-        return _group_table(_inherited(groups, wanted[0]))
+        return {wanted[0]: _group_table(_inherited(groups, wanted[0]))}
+    own = {group: sensor for group in groups if (sensor := file_kind(posixpath.basename(group))) in SENSORS}
+    if len(own) > 1 and len(set(own.values())) == len(own) and own.keys() >= set(with_sensors):
+        return {posixpath.basename(group): _group_table(_inherited(groups, group), own[group]) for group in own}
     if len(with_sensors) == 1:
-        return _group_table(_inherited(groups, with_sensors[0]))
+        return {"": _group_table(_inherited(groups, with_sensors[0]))}
     names = [name for group in groups.values() for name in group]
     twice = {name for name in names if names.count(name) > 1}
     if twice and with_sensors:
         said = Message("several groups hold sensors: name one with {option.topics}: {groups}", groups=_listed(with_sensors))
         raise SeveralError(said, sorted(with_sensors))
-    return _group_table({name: array for group in groups.values() for name, array in group.items() if name not in twice})
+    return {"": _group_table({name: array for group in groups.values() for name, array in group.items() if name not in twice})}
 
 
 def _inherited(groups: dict[str, dict[str, np.ndarray]], group: str) -> dict[str, np.ndarray]:
-    """Arrays of a group and of its parent groups, which may have a clock that several sensors share."""
-    found = dict(groups[group])
+    """Arrays of a group and of its parent groups, which may have a clock that several sensors share, or a clock in a group of its own."""
+    inside = (pair for name, one in groups.items() if name.startswith(group) for pair in one.items())
+    found = {name: array for name, array in inside if (one := parse_name(name)) and one[0] == "time"} | groups[group]
     while group:
         group = posixpath.dirname(group)
         found = groups.get(group, {}) | found
     return found
 
 
-def _group_table(arrays: dict[str, np.ndarray]) -> Table:
+def _group_table(arrays: dict[str, np.ndarray], stem: str = "") -> Table:
+    table = _columns_of(arrays)
+    table.stem = stem
+    return table
+
+
+def _columns_of(arrays: dict[str, np.ndarray]) -> Table:
     matrices = [array for array in arrays.values() if array.ndim == 2 and array.shape[1] > 3]
     if len(matrices) != 1 or _has_sensor(arrays):
         return table_of_arrays(arrays)

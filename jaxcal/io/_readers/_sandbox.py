@@ -109,6 +109,11 @@ def _mat(request: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
             for name, inner in value.items():
                 if depth < 32 and not name.startswith("_"):
                     collect(f"{path}/{name}" if path else name, inner, depth + 1)
+        elif len(records := [one for one in value if isinstance(one, dict)] if isinstance(value, list) else []) > 1:
+            for name in records[0]:  # an array of structs, one for each sample
+                column = [one.get(name) for one in records]
+                if all(isinstance(one, float | int) for one in column):
+                    collect(f"{path}/{name}", np.array(column, float), depth + 1)
         elif isinstance(value, scipy.io.matlab.MatlabOpaque | scipy.io.matlab.MatlabFunction):
             opaque = True
         elif isinstance(value, np.ndarray | float | int | np.number) and np.asarray(value).dtype.kind in "iufb":
