@@ -222,7 +222,8 @@ def _tables_of_tree(about: dict[str, Any], arrays: list[np.ndarray], topics: lis
 def _inherited(groups: dict[str, dict[str, np.ndarray]], group: str) -> dict[str, np.ndarray]:
     """Arrays of a group and of its parent groups, which may have a clock that several sensors share, or a clock in a group of its own."""
     inside = (pair for name, one in groups.items() if name.startswith(group) for pair in one.items())
-    found = {name: array for name, array in inside if (one := parse_name(name)) and one[0] == "time"} | groups[group]
+    clocks = {name: array for name, array in inside if (one := parse_name(name)) and one[0] == "time"}
+    found = groups[group] | {name: array for name, array in clocks.items() if name not in groups[group]}
     while group:
         group = posixpath.dirname(group)
         found = groups.get(group, {}) | found
