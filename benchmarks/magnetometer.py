@@ -30,7 +30,7 @@ from jaxcal.magnetometer import (
     guide,
     scenario,
 )
-from jaxcal.magnetometer._heading_error import angle, both_tilts, by_iron, heading_change, rms_heading
+from jaxcal.magnetometer._directions import angle, both_tilts, by_iron, heading_change, rms_heading
 
 MILD = MagModel(np.array([[1.10, 0.06, -0.04], [0.06, 0.92, 0.05], [-0.04, 0.05, 1.0]]), np.array([0.8, -0.5, 0.3]))
 PAPER = MagModel(

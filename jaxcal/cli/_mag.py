@@ -206,8 +206,8 @@ def _compared(path: Path | None, present: Any, found: Any) -> Any:
     import numpy as np
 
     from .._answer import Quantity
+    from ..magnetometer._directions import heading_change
     from ..magnetometer._findings import FINDINGS as OF_MAG
-    from ..magnetometer._heading_error import heading_change
     from ..magnetometer._result import quantity_of
 
     turns = heading_change(present, found.model, float(found.field), inclination=float(found.inclination), down=found.down)
@@ -242,7 +242,6 @@ def _fit(log: Any, align: str, options: dict[str, Any], given: Shots, flight: An
         raise jaxcal.DataError(f"--align {align}: the log has no {align}; name its columns with --columns {align}=...")
     from .._frozen import replaced
     from ..magnetometer import Accelerometer, Attitude, Gyroscope, Headings
-    from ..magnetometer._joined import without_currents
 
     flown = None if flight is None else flight.at(log)
     up = (log.accel if flown is None else Attitude(flown).accel) if given.up is None else given.up
@@ -268,10 +267,17 @@ def _fit(log: Any, align: str, options: dict[str, Any], given: Shots, flight: An
     tried_on = held if given.held.any() else kept & np.isfinite(given.headings) if given.headings is not None else held
     if tried_on.any() and found.kind != "planar":
         known = None if given.headings is None else given.headings[tried_on]
-        mag = without_currents(found, log.mag, given.currents)
+        mag = _without(found, log.mag, given.currents)
         seen = jaxcal.magnetometer.check(found, mag[tried_on], accel=None if up is None else up[tried_on], headings=known)
         found = replaced(found, check=seen, findings=(*found.findings, *seen.findings))
     return found
+
+
+def _without(found: Any, m: Any, currents: dict[str, Any]) -> Any:
+    """Readings (n, 3) without the fields of the currents that a fit has found."""
+    for name, values in currents.items():
+        m = m - values[:, None] * [[found.estimate[f"currents.{name}[{i}]"].value for i in range(3)]]
+    return m
 
 
 def _conditions(temperature: Any) -> dict[str, Any]:

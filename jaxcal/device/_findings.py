@@ -7,7 +7,7 @@ import numpy as np
 from .._answer import CAUTION, FATAL, GRAVITY_ASSUMED, NOTE, WRONG_RANGE, Finding, Kind, Quantity, table, wrong_ranges
 from .._arrays import axis_words
 from ..fitting import Estimate
-from ..magnetometer._axes import Axes, by_axes
+from ..magnetometer._beside import Axes, by_axes
 from ._model import KINDS, field_of
 
 FINDINGS = table(

@@ -13,7 +13,7 @@ from .._arrays import axis_fault, axis_turns, axis_words, from_vector, skew
 from .._errors import DataError, FitError
 from .._message import Message
 from ..imu._model import EARTH_RATE
-from ..magnetometer._axes import clearest
+from ..magnetometer._beside import clearest
 from ._model import AT, DeviceModel, model_of, template, vector_of
 from ._noise_floor import Floor, noise_floor
 from ._normal import inertial

@@ -13,7 +13,12 @@ import jax.numpy as jnp
 import optimistix as optx
 
 from .._types import Array
-from ._descent import ACCEPTED, FIRST_DAMPING, GOOD, LONGER, SHORTER
+
+#: Damping of the first step relative to the unit diagonal: nearly a Gauss-Newton step, but never a singular matrix.
+FIRST_DAMPING = 1e-2
+#: Shares of the predicted decrease: above the first a step is accepted, above the second the next step is longer.
+ACCEPTED, GOOD = 0.01, 0.75
+SHORTER, LONGER = 0.25, 3.5
 
 
 class Linear(eqx.Module):

@@ -6,6 +6,7 @@ from the solution. This is exact for a model that is linear there, and needs no 
 """
 
 import itertools
+from typing import Any
 
 import numpy as np
 
@@ -145,6 +146,23 @@ def leave_out_pieces(hats: np.ndarray, scores: np.ndarray, known: np.ndarray) ->
     return (BLOCKS - 1) / len(off) * off.T @ off
 
 
+def by_parts(white: Any, jacobian: np.ndarray, left: np.ndarray, prior: np.ndarray | None = None) -> tuple[np.ndarray, bool]:
+    """Covariance of the parameters by fits without parts of the log, and True; if its residuals look white, the given one, and False.
+
+    No parameter is known better than by white residuals. prior : information (p, p) that no part of the log takes away.
+    """
+    shown = np.abs(jacobian).max(axis=0) > 0  # others are in the prior alone
+    if is_white(jacobian[:, shown], left):
+        return white, False
+    other = leave_out(jacobian, left, prior)
+    if prior is not None:
+        if not np.isfinite(other).all():
+            return white, False  # too few to leave any out, and the prior holds what they leave open
+        other = other + white @ prior @ white
+    ratio = np.sqrt(np.maximum(np.diag(white) / np.maximum(np.diag(other), 1e-300), 1.0))
+    return other * np.outer(ratio, ratio), True
+
+
 def correlation_time(residuals: np.ndarray) -> float:
     """Number of readings that count as one: the sum of the autocorrelation up to where its own noise hides it."""
     n = len(residuals)
@@ -166,5 +184,7 @@ def followed(span: np.ndarray, columns: np.ndarray, residuals: np.ndarray) -> tu
     calm = tamed(span, residuals)
     coefficients = np.linalg.lstsq(free / size, calm, rcond=1e-9)[0] / size
     rest = calm - free @ coefficients
-    gain = len(residuals) / correlation_time(rest) * np.log(np.sum(calm**2) / np.sum(rest**2))
-    return coefficients, float(chi_square_tail(float(gain), size.size))
+    gain = len(residuals) * float(np.log(np.sum(calm**2) / np.sum(rest**2)))
+    chance = float(chi_square_tail(gain, size.size))
+    # correlated readings count less: only a chance that is small otherwise asks how much less
+    return coefficients, chance if chance >= CHANCE else float(chi_square_tail(gain / correlation_time(rest), size.size))

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
         Headings as Headings,
     )
     from ._check import Check as Check, check as check
-    from ._coverage import Coverage as Coverage, coverage as coverage
+    from ._directions import Coverage as Coverage, coverage as coverage
     from ._field import body_field as body_field, earth_field as earth_field, heading as heading, scenario as scenario
     from ._fit import fit as fit
     from ._guide import Guide as Guide, guide as guide
@@ -29,7 +29,7 @@ install(
     {
         "_aids": "Accelerometer Alignment Attitude Gyroscope Headings",
         "_check": "Check check",
-        "_coverage": "Coverage coverage",
+        "_directions": "Coverage coverage",
         "_moments": "Moments",
         "_own_model": "residuals",
         "_field": "body_field earth_field heading scenario",

@@ -19,7 +19,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from ._orthogonal import by_parts
+from ..fitting._serial import by_parts
+from ._aids import Attitudes
+from ._directions import level_axes
 from ._quadric import EXACT, unit
 
 _SOFT, _WEIGHT = 0.05, 4.0  # prior spread of the entries of C, and how many entries it counts as
@@ -30,23 +32,6 @@ ROUNDS, SETTLED = 40, 0.02  # most rounds, and step in standard errors that ends
 #: rad and s in one segment: the error of rates with a slightly wrong scale grows with the angle, and their bias enters to first order only
 _SEGMENT, _LONGEST = 2.0, 10.0
 _C, _B, _GAIN, _DIP, _LAG = slice(0, 9), slice(9, 12), 12, 13, slice(14, 18)
-
-
-class Attitudes(NamedTuple):
-    """What is known of the attitude of each of n readings: any of these, in the axes of one sensor.
-
-    up : (n, 3) unit vectors, NaN where unknown. heading : (n,) rad, NaN where unknown. gyro, rate, rows : rates (k, 3) in rad/s at all
-    samples of a log, the samples per second, and the sample of each reading. rotated : whether C may have a rotation that these show.
-    held : (k, 3) axes, of the magnetometer, about which it is small.
-    """
-
-    up: Any = None
-    heading: Any = None
-    gyro: Any = None
-    rate: float = 0.0
-    rows: Any = None
-    rotated: bool = True
-    held: Any = np.eye(3)
 
 
 class Known(NamedTuple):
@@ -92,19 +77,12 @@ class Solution:
 
 def north_of(up: np.ndarray, heading: np.ndarray, dip: float) -> np.ndarray:
     """Unit fields (n, 3) in body axes, for known attitudes."""
-    return np.cos(dip) * _north(_level_axes(up), heading) - np.sin(dip) * up
+    return np.cos(dip) * _north(level_axes(up), heading) - np.sin(dip) * up
 
 
 def _north(axes: tuple[np.ndarray, np.ndarray], heading: np.ndarray) -> np.ndarray:
     """Unit vectors to the north, at level, from those forward and to the right."""
     return np.cos(heading)[:, None] * axes[0] - np.sin(heading)[:, None] * axes[1]
-
-
-def _level_axes(up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Unit vectors forward and to the right, at level, (n, 3) each."""
-    down = -up
-    forward = unit(np.array([1.0, 0.0, 0.0]) - up[:, :1] * up)
-    return forward, np.cross(down, forward)
 
 
 def delayed(gyro: np.ndarray, samples: float) -> np.ndarray:
@@ -161,7 +139,7 @@ class _Data:
             self.paired = np.isfinite(at.up).all(axis=1)
             self.up = np.where(self.paired[:, None], at.up, [0.0, 0.0, -1.0])
             self.pointed = self.paired & (np.zeros(n, dtype=bool) if at.heading is None else np.isfinite(at.heading))
-            self.axes = _level_axes(self.up)
+            self.axes = level_axes(self.up)
 
     def turned(self, lag: np.ndarray) -> None:
         """Attitudes by rates without this bias and delay."""
@@ -273,14 +251,14 @@ def _odd(base: np.ndarray) -> np.ndarray:
 
 
 def solved(
-    u: np.ndarray, at: Attitudes, begin: tuple[np.ndarray, np.ndarray], base: np.ndarray, known: Known, currents: Any = None,
-    noise: float = 0.01, rounds: int = ROUNDS,
+    u: np.ndarray, at: Attitudes, begin: tuple[np.ndarray, np.ndarray], base: np.ndarray, held: np.ndarray, known: Known,
+    currents: np.ndarray, noise: float,
 ) -> Solution:  # fmt: skip
     """The fit of readings (n, 3), of size about one, from a start (C, b).
 
-    base : rotation that exchanges axes, near which C is. currents : (n, k).
+    base : rotation that exchanges axes, near which C is. held : (k, 3) axes, of the magnetometer, about which it is small.
+    currents : (n, k).
     """
-    currents = np.zeros((len(u), 0)) if currents is None else currents
     data = _Data(u, at, currents)
     p = np.concatenate([begin[0].ravel(), begin[1], np.zeros(6), np.zeros(3 * currents.shape[1])])
     p[_GAIN], p[_DIP] = np.log(np.abs(np.linalg.det(begin[0]))) / 3, known.dip
@@ -291,7 +269,7 @@ def solved(
         y = unit((u - begin[1]) @ np.linalg.inv(begin[0]).T)
         p[_DIP] = -np.arcsin(np.clip(np.mean(np.sum(y * data.up, axis=1)[data.paired]), -0.999, 0.999))
     lag, spread, sigma, converged = np.zeros(4), _SOFT, np.full(2, max(noise, EXACT)), False
-    turned, odd = _TURNED if at.rotated else _SYMMETRIC, at.held @ _odd(base)
+    turned, odd = _TURNED if at.rotated else _SYMMETRIC, held @ _odd(base)
     turn = 0
     while True:
         if data.kind == "rates" and (turn == 0 or np.any(p[_LAG])):
@@ -321,7 +299,7 @@ def solved(
             break
         converged = bool(turn > 2 and np.abs(step / error).max() < SETTLED and np.abs(sigma / last - 1).max() < 0.01)
         turn += 1
-        if converged or turn == rounds:
+        if converged or turn == ROUNDS:
             break
     # a matrix that mirrors is no sensor: the attitudes contradict the readings
     good = bool(np.isfinite(p).all() and np.isfinite(sigma).all() and np.linalg.det(p[_C].reshape(3, 3)) > 0)

@@ -1,4 +1,4 @@
-"""Sensors beside the magnetometer, and the rotation against one of them."""
+"""What a fit is asked: its readings, its options, and the sensors beside the magnetometer with what they tell of the attitudes."""
 
 from typing import ClassVar, NamedTuple
 
@@ -10,7 +10,10 @@ from .._answer import Finding, Number, Result, Section, listed
 from .._arrays import axis_turns
 from .._errors import DataError
 from .._special import NORMAL95
-from .._types import AnyArray, Held
+from .._types import Any, AnyArray, Held
+from ._quadric import unit
+
+_STILL = 0.03  # relative departure of the specific force from its median above which a pose is not at rest
 
 #: source of a rotation -> its name for readers
 NAMES = {"accel": "accelerometer", "gyro": "gyroscope", "headings": "known headings", "attitude": "attitudes",
@@ -152,13 +155,6 @@ class Headings(eqx.Module):
     declination: float | int = 0.0
 
 
-class Plane(NamedTuple):
-    """The axis that points down for readings that turn about it, which is all that a plane tells; and whether the user said so."""
-
-    down: np.ndarray
-    asked: bool
-
-
 class Attitude(eqx.Module):
     r"""Attitudes at the times of the readings: they show the vertical while the vehicle turns and accelerates.
 
@@ -210,3 +206,105 @@ def vector_from(rotation: np.ndarray) -> np.ndarray:
     """Rotation vector from the nearest exchange of axes."""
     base = max(axis_turns(), key=lambda one: np.trace(one.T @ rotation))
     return scipy.spatial.transform.Rotation.from_matrix(base.T @ rotation).as_rotvec()
+
+
+class Attitudes(NamedTuple):
+    """What is known of the attitude of each of n readings: any of these, in the axes of one sensor.
+
+    source : key of `NAMES`. up : (n, 3) unit vectors, NaN where unknown. heading : (n,) rad, NaN where unknown. gyro, rate, rows : rates
+    (k, 3) in rad/s at all samples of a log, the samples per second, and the sample of each reading. rotated : whether C may have a rotation
+    that these show. level : whether the readings count as level. dip : known inclination in rad, or None.
+    """
+
+    source: str = ""
+    up: Any = None
+    heading: Any = None
+    gyro: Any = None
+    rate: float = 0.0
+    rows: Any = None
+    rotated: bool = True
+    level: bool = False
+    dip: float | int | None = None
+
+
+class Asked(NamedTuple):
+    """Readings and options of a fit, checked.
+
+    Attributes
+    ----------
+    m : (n, 3) readings; NaN in some rows beside rates, which are integrated over all of them. there : numbers of the rows with a reading.
+    method, model, limits : as for `fit`. traced : whether the fit is in a trace; nothing is chosen then.
+    norm, field_error, dip : magnitude of the field and its relative error, or None, and its dip. known : whether the dip was given.
+    at : what the aid tells. turns : whether the fit turns the axes to its, which the accelerometer of a log does not.
+    currents, conditions : name -> numbers at the times of the readings.
+    """
+
+    m: np.ndarray
+    there: np.ndarray
+    method: str
+    model: Any
+    norm: float | None
+    field_error: float | None
+    dip: float
+    known: bool
+    limits: tuple[float, float]
+    at: Attitudes
+    turns: bool
+    currents: dict[str, np.ndarray]
+    conditions: dict[str, np.ndarray]
+    traced: bool = False
+
+    @property
+    def sign(self) -> float:
+        """Sign of the dip at the place; zero if it is not known."""
+        return float(np.sign(self.dip)) if self.known else 0.0
+
+
+def vectors(values: Any, name: str) -> np.ndarray:
+    """Vectors (n, 3), checked."""
+    values = np.asarray(values, dtype=float)
+    if values.ndim != 2 or values.shape[1] != 3:
+        raise DataError(f"The {name} have shape {values.shape}; expected (n, 3), one row per reading.", code="bad_shape")
+    return values
+
+
+def like(values: Any, count: int, name: str) -> np.ndarray:
+    """Vectors (n, 3), one for each reading."""
+    values = vectors(values, name)
+    if len(values) != count:
+        raise DataError(f"There are {count} readings and {len(values)} rows of {name}; give one for each reading.", code="rows_differ")
+    return values
+
+
+def still(accel: np.ndarray) -> np.ndarray:
+    """Readings whose specific force is close to gravity; its size is taken from the median, so that any unit will do."""
+    size = np.linalg.norm(accel, axis=1)
+    there = np.isfinite(size) & (size > 0)
+    usual = np.median(size[there]) if there.any() else np.inf
+    return there & (np.abs(size / usual - 1) < _STILL)
+
+
+def _verticals(accel: Any, count: int) -> np.ndarray:
+    """Unit vectors that point up, (n, 3), NaN where the sensor is not at rest."""
+    force = like(accel, count, "specific force")
+    return np.where(still(force)[:, None], unit(force), np.nan)
+
+
+def told(aid: Any, count: int) -> Attitudes:
+    """What an aid tells of the attitudes of all readings of a log."""
+    if aid is None:
+        return Attitudes(rotated=False)
+    if isinstance(aid, Gyroscope):
+        return Attitudes("gyro", gyro=like(aid.gyro, count, "rates"), rate=float(aid.rate))
+    if isinstance(aid, Accelerometer | Attitude):
+        return Attitudes("accel" if isinstance(aid, Accelerometer) else "attitude", _verticals(aid.accel, count), dip=aid.dip)
+    if not isinstance(aid, Headings):
+        raise DataError(
+            f"The aid is {type(aid).__name__}; give Accelerometer(f), Attitude(q), Gyroscope(w, rate) or Headings(h).", code="no_such_aid"
+        )
+    heading, level = np.asarray(aid.headings, dtype=float) - aid.declination, aid.accel is None
+    if heading.shape != (count,):
+        raise DataError(f"The headings have shape {heading.shape}; give one for each of {count} readings, NaN where none is known.",
+                        code="heading_shape")  # fmt: skip
+    up = np.where(np.isfinite(heading)[:, None], [0.0, 0.0, -1.0], np.nan) if level else _verticals(aid.accel, count)
+    return Attitudes("headings", up, heading, rotated=not level, level=level)

@@ -9,10 +9,10 @@ from .._answer._sections import Grid
 from .._errors import DataError
 from .._precision import host_float64
 from .._types import AnyArray, Samples
-from ._axes import array, like, still
+from ._aids import like, still, vectors
+from ._directions import HEADINGS, distance_slopes
 from ._field import STEEPEST, heading
 from ._findings import FINDINGS
-from ._heading_error import HEADINGS, distance_slopes
 from ._quadric import EXACT, unit
 from ._result import MagFit
 
@@ -123,7 +123,7 @@ def check(found: MagFit, m: Samples, *, accel: Samples | None = None, headings: 
     """
     if found.model is None or found.kind == "planar" or "usual" in found._about:
         raise DataError("A check needs a fit with a model that is not planar, and no model object.", code="no_model")
-    m = array(m, "readings")
+    m = vectors(m, "readings")
     if not len(m) or not np.isfinite(m).all():
         raise DataError(f"A check needs readings that are finite numbers; got {len(m)}.", code="not_finite")
     inverse, field = np.linalg.inv(np.asarray(found.model.soft_iron)), float(found.field)

@@ -2,7 +2,6 @@
 
 import datetime
 import warnings
-from types import ModuleType
 from typing import Any
 
 import jax.numpy as jnp
@@ -12,9 +11,7 @@ from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import host_float64, is_traced, real_numbers
 from .._types import AnyArray, Checked, Samples
-
-#: dip of the field at Ankara, where the magnetometer paper's experiment was made
-INCLINATION = np.deg2rad(57.0)
+from ._directions import INCLINATION, unit_field
 
 
 @host_float64
@@ -45,15 +42,6 @@ def body_field(attitudes: Samples, field: float = 1.0, inclination: float = INCL
     The magnetometer paper, section IV.
     """
     return field * unit_field(np.asarray(attitudes), inclination)
-
-
-def unit_field(attitudes: Any, inclination: Any, xp: ModuleType = np) -> Any:
-    """`body_field` of magnitude one. Plain numbers give NumPy arrays, even while something else is traced."""
-    azimuth, elevation, bank = xp.moveaxis(attitudes, -1, 0)
-    ct, st, cp, sp = xp.cos(elevation), xp.sin(elevation), xp.cos(bank), xp.sin(bank)
-    north, east, down = xp.cos(inclination) * xp.cos(azimuth), -xp.cos(inclination) * xp.sin(azimuth), xp.sin(inclination)
-    forward, below = north * ct - down * st, north * st + down * ct
-    return xp.stack([forward, east * cp + below * sp, below * cp - east * sp], axis=-1)
 
 
 _SAMPLES = {"all": 360, "three_turns": 120, "twelve_points": 4}

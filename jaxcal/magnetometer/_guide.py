@@ -8,9 +8,8 @@ from .._errors import DataError
 from .._precision import host_float64, real_numbers
 from .._quality import checked_confidence
 from .._types import AnyArray, Samples
-from ._coverage import sphere_grid
+from ._directions import HEADINGS, by_iron, distance_slopes, heading_slopes, sphere_grid
 from ._fit import fit
-from ._heading_error import HEADINGS, by_iron, distance_slopes, heading_slopes
 from ._quadric import COUNT, sphere_centre, unit
 from ._result import MagFit
 

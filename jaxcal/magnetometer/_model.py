@@ -1,13 +1,17 @@
 """`MagModel`: converts a true field to readings, and readings to fields."""
 
+import functools
 from types import ModuleType
 
 import jax
 import numpy as np
 
+from .._errors import DataError
 from .._frozen import Model
-from .._precision import array_module, host_float64
+from .._precision import array_module, host_float64, is_traced
 from .._types import Any, AnyArray, Held, Samples
+
+_UNDONE = 1e-6  # relative error of a reading after `correct` and `measure`: far below the noise of any sensor
 
 
 class MagModel(Model):
@@ -42,7 +46,7 @@ class MagModel(Model):
         super().__init_subclass__(**options)
         for name in ("measure", "correct"):
             if name in vars(cls):
-                setattr(cls, name, host_float64(vars(cls)[name]))
+                setattr(cls, name, host_float64(_undoing(vars(cls)[name]) if name == "correct" else vars(cls)[name]))
 
     @host_float64
     def measure(self, h: Samples) -> AnyArray:
@@ -72,6 +76,26 @@ class MagModel(Model):
         """
         _, (first, other, start, shift) = _same_dtype(self.soft_iron, second.soft_iron, self.hard_iron, second.hard_iron)
         return MagModel(first @ other, start + first @ shift)
+
+
+def _undoing(correct: Any) -> Any:
+    """A `correct` that is refused where `measure` does not give the readings back."""
+
+    @functools.wraps(correct)
+    def checked(model: Any, m: Any, *args: Any, **conditions: Any) -> Any:
+        h = correct(model, m, *args, **conditions)
+        if not is_traced(model, m, h):
+            again, size = (
+                np.asarray(model.measure(h, *args, **conditions)),
+                np.sqrt(np.nansum((np.asarray(m) - np.asarray(model.hard_iron)) ** 2)),
+            )
+            if np.nansum((again - m) ** 2) > (_UNDONE * size) ** 2:
+                kind = type(model).__name__
+                raise DataError(f"`measure` and `correct` of {kind} do not undo one another; `correct` must be its inverse.",
+                                code="no_inverse")  # fmt: skip
+        return h
+
+    return checked
 
 
 def _same_dtype(*values: Any) -> tuple[ModuleType, list[Any]]:

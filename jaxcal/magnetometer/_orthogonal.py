@@ -12,24 +12,21 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._compile import filter_jit
-from ..fitting._descent import descend, implicit, repeated
-from ..fitting._problem import vector_of
-from ..fitting._serial import is_white, leave_out
-from ._model import MagModel
+from ..fitting._implicit import implicit
 
 CURVED = 0.02  # noise over radius above which the curvature term matters
-#: most rounds, and steps to a foot, which takes three near the surface; change of the noise, or of the free parameters, that ends rounds
-ROUNDS, SETTLED = 20, 1e-8
+#: most steps to a foot, which takes three near the surface, and most steps of a fit
+ROUNDS, _STEPS = 20, 128
+SETTLED = 1e-8  # step in standard errors, and relative change of the noise, or of the degrees of freedom, that end the steps
 SOFT = 0.4  # spread of the entries of a soft iron about a multiple of the identity: the paper's sensor, the strongest known, has 0.3
-_ROWS = 512  # of a block: readings and directions of any number share one program
 
 
 class Near(NamedTuple):
     """Readings beside their surface.
 
     distance : (n,). normal, field : (n, 3) unit normal, and unit field, at the nearest point. curvature : (n,) mean curvature. multiplier :
-    (n,) t of `foot`. slopes : (n, p) of the distances by the parameters.
+    (n,) t of `foot`. corrected : (n, 3) the field of the reading itself over its magnitude. slopes : (n, p) of the distances by the
+    parameters.
     """
 
     distance: Any
@@ -37,6 +34,7 @@ class Near(NamedTuple):
     field: Any
     curvature: Any
     multiplier: Any
+    corrected: Any
     slopes: Any = None
 
 
@@ -169,53 +167,23 @@ def nearest(push: Any, z: Any, near: Any = None) -> Near:
     back = inverse.swapaxes(-1, -2)
     shape = back @ inverse
     distance, y, normal, t = _at_foot(shape, z, 0.0 * z[:, 0] if near is None else near)
-    return Near(distance, normal, times(y, back), curvature(shape, z), t)
-
-
-@filter_jit
-def _looked(model: MagModel, leaves: Any, m: Any, h: Any, field: Any, conditions: Any) -> tuple[Any, ...]:
-    """Corrected readings, h again from what it measures, readings of the unit fields h, and their derivatives by h and the leaves."""
-    put = vector_of(model)[1]
-    measured, push = jax.linearize(lambda leaves, h: put(leaves).measure(field * h, **conditions), leaves, h)
-    by_field = jnp.stack([push(jnp.zeros_like(leaves), jnp.broadcast_to(axis, h.shape)) for axis in jnp.eye(3, dtype=h.dtype)], axis=-1)
-    slopes = jax.vmap(lambda leaves: push(leaves, jnp.zeros_like(h)), out_axes=-1)(jnp.eye(leaves.size, dtype=leaves.dtype))
-    twice = jax.tree.map(lambda values: jnp.concatenate([values, values]), conditions)
-    y, again = jnp.split(jnp.asarray(put(leaves).correct(jnp.concatenate([m, measured]), **twice)), 2)
-    return y, again / field, measured, by_field, slopes
-
-
-def looked(model: MagModel, leaves: Any, m: Any, h: Any, field: Any, conditions: Any) -> tuple[Any, ...]:
-    """`_looked`, on the host in blocks of one length."""
-    if isinstance(h, jax.Array):
-        return _looked(model, leaves, m, h, field, conditions)
-    blocks = []
-    for first in range(0, len(h), _ROWS):
-        rows = np.minimum(np.arange(first, first + _ROWS), len(h) - 1)
-        there = {name: values[rows] for name, values in conditions.items()}
-        blocks.append([np.asarray(part) for part in _looked(model, leaves, m[rows], h[rows], np.float64(field), there)])
-    return tuple(np.concatenate(parts)[: len(h)] for parts in zip(*blocks, strict=True))
-
-
-def leaves_of(model: MagModel) -> Any:
-    """The leaves as one vector: soft iron by rows, hard iron, and further ones."""
-    leaves = [leaf.ravel() for leaf in jax.tree.leaves(model)]
-    return (np if all(isinstance(leaf, np.ndarray) for leaf in leaves) else jnp).concatenate(leaves)
+    return Near(distance, normal, times(y, back), curvature(shape, z), t, times(z, back))
 
 
 class Weights(NamedTuple):
     """What a round knows of the noise.
 
-    noise2 : variance for the curvature term. ridge : weight of the prior's squares. noise : standard deviation. inverse : (p, p) covariance
-    over the variance of the noise. freedom : readings less the parameters that they, not the prior, determine. determined : whether
-    readings and prior determine all parameters.
+    noise2 : variance for the curvature term. ridge : weight of the prior's squares. noise : standard deviation. scaled : (p, p) normal
+    equations with columns of unit length. inverse : (p, p) covariance over the variance of the noise. freedom : readings less the
+    parameters that they, not the prior, determine.
     """
 
     noise2: Any
     ridge: Any
     noise: Any
+    scaled: Any
     inverse: Any
     freedom: Any
-    determined: Any
 
 
 class Found(NamedTuple):
@@ -264,50 +232,92 @@ def weighed(x: Any, near: Near, last: Sequence[Any], basis: np.ndarray, size: An
     normal = rows.T @ rows + last[1] * (out.T @ out)
     column = xp.sqrt(xp.diagonal(normal))
     column = xp.where(column > 0, column, 1.0)
-    scaled, floor = normal / column[:, None] / column[None], 10 * p * float(np.finfo(x.dtype).eps)
-    inverse = xp.linalg.inv(scaled + floor * np.eye(p, dtype=x.dtype)) / column[:, None] / column[None]
-    # a combination that is lost in the rounding of the normal equations
-    determined = xp.linalg.eigvalsh(scaled if xp is np else jax.lax.stop_gradient(scaled))[0] > 100 * floor
+    scaled = normal / column[:, None] / column[None]
+    inverse = xp.linalg.inv(scaled + rounding_of(x) * np.eye(p, dtype=x.dtype)) / column[:, None] / column[None]
     held = ((out @ inverse) * out).sum()
     freedom = xp.maximum(len(rows) - p + last[1] * held, 1.0)
     left = near.distance - last[0] * near.curvature
     noise2 = (left**2).sum() / freedom
-    return Weights(*terms(x, noise2, basis, size), xp.sqrt(noise2), inverse, freedom, determined)
+    return Weights(*terms(x, noise2, basis, size), xp.sqrt(noise2), scaled, inverse, freedom)
+
+
+class _Point(NamedTuple):
+    """Parameters, readings beside their surface, the weights before and there, the next step, the share of it to try, and whether done."""
+
+    x: Any
+    near: Near
+    last: Sequence[Any]
+    weights: Weights
+    step: Any
+    share: Any
+    count: Any
+    converged: Any
+    done: Any
+
+
+def repeated(step: Callable[[Any], Any], state: Any, done: Callable[[Any], Any]) -> Any:
+    """`step` until `done`: a loop of Python for arrays of NumPy, and one of JAX in a trace."""
+    if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(state)):
+        return jax.lax.while_loop(lambda now: ~done(now), step, state)
+    while not done(state):
+        state = step(state)
+    return state
 
 
 def rounds(near_at: Callable[[Any, Near], Near], x: Any, near: Near, basis: np.ndarray, size: Any) -> tuple[Any, Near, Weights, Any]:
     """The end x of the steps with the readings beside the surface there, its weights, and whether it has converged.
 
+    Gauss-Newton steps, each with the noise that the distances before it show; a step that raises the cost is shortened.
     near_at : takes parameters, and the readings beside a surface not far from theirs, to the readings beside theirs.
     """
-    xp, out = x.__array_namespace__(), penalties(basis)
+    xp, out, rounding = x.__array_namespace__(), penalties(basis), rounding_of(x)
 
-    def settle(state: tuple) -> tuple:
-        x, near, weights, _, _, count = state
-        root, offset = xp.sqrt(weights.ridge), weights.noise2 * near.curvature
+    def cost(x: Any, near: Near, here: Near, last: Sequence[Any]) -> Any:
+        # with the offset of the point from which a step begins, whose slopes leave that of the curvature out
+        return ((near.distance - last[0] * here.curvature) ** 2).sum() + last[1] * ((out @ x) ** 2).sum()
 
-        def evaluate(x: Any, last: tuple) -> tuple:
-            # a round begins where the last one ended
-            near = last[1] if x is last[0] else near_at(x, last[1])
-            left = xp.concatenate([near.distance - offset, root * (out @ x)])
-            return left, xp.concatenate([near.slopes, root * out]), (x, near)
+    def point(x: Any, near: Near, last: Sequence[Any], count: Any) -> _Point:
+        weights = weighed(x, near, last, basis, size)
+        gradient = near.slopes.T @ (near.distance - last[0] * near.curvature) + last[1] * (out.T @ (out @ x))
+        step, total = -(weights.inverse @ gradient), cost(x, near, near, last)
+        off = -(gradient @ step) / xp.where(total > 0, total, 1.0)  # square of the step in standard errors, over the readings
+        short = xp.linalg.norm(step) <= rounding * xp.linalg.norm(x)
+        alike = SETTLED + rounding
+        settled = (abs(weights.noise2 - last[0]) <= alike * weights.noise2) & (abs(weights.freedom - last[2]) <= alike * weights.freedom)
+        done = ((off <= SETTLED**2) | short) & (settled | ~xp.isfinite(weights.noise)) | (count >= _STEPS)
+        flat = ((off <= SETTLED) | short) & xp.isfinite(total)
+        return _Point(x, near, last, weights, step, 0.0 * off + 1.0, count, flat, done)
 
-        end, converged = descend(evaluate, x, (x, near))
-        x, near = end.carry
-        after = weighed(x, near, weights[:2], basis, size)
-        settled = (abs(after.noise2 - weights.noise2) <= SETTLED * after.noise2) & (abs(after.freedom - weights.freedom) <= SETTLED)
-        return x, near, after, converged, settled | ~xp.isfinite(after.noise), count + 1
+    def advance(here: _Point) -> _Point:
+        x = here.x + here.share * here.step
+        near = near_at(x, here.near)
+        # so near the solution that the cost only changes by rounding it cannot judge a step
+        better = cost(x, near, here.near, here.last) <= (1 + rounding) * cost(here.x, here.near, here.near, here.last)
+        shorter = here._replace(share=here.share / 4, count=here.count + 1, done=here.count >= _STEPS)
+        if xp is np and not better:
+            return shorter
+        weights = here.weights
+        there = point(x, near, (weights.noise2, weights.ridge, weights.freedom), here.count + 1)
+        return there if xp is np else jax.tree.map(lambda new, old: xp.where(better, new, old), there, shorter)
 
     near = near_at(x, near)  # which also gives the start its shapes
-    start = (x, near, weighed(x, near, (0.0, 0.0), basis, size), xp.asarray(False), xp.asarray(False), xp.asarray(0))
-    x, near, weights, converged, _, _ = repeated(settle, start, lambda state: state[4] | (state[5] >= ROUNDS))
-    return x, near, weights, converged
+    first, none = weighed(x, near, (0.0, 0.0), basis, size), xp.zeros((), dtype=x.dtype)
+    begin = point(x, near, (first.noise2 + none, first.ridge, first.freedom), xp.asarray(0))
+    end = repeated(advance, begin, lambda here: here.done)
+    return end.x, end.near, end.weights, end.converged
+
+
+def rounding_of(x: Any) -> float:
+    """Smallest eigenvalue of normal equations of p parameters, with columns of unit length, that is no rounding."""
+    return 10 * x.size * float(np.finfo(x.dtype).eps)
 
 
 def found_of(x: Any, near: Near, weights: Weights, basis: np.ndarray, converged: Any, kind: str) -> Found:
     """A fitted surface by its distances and their slopes, and by the prior."""
-    iron = basis @ x
-    covariance = x.__array_namespace__().where(weights.determined, weights.noise**2 * weights.inverse, np.inf)
+    iron, xp, scaled = basis @ x, x.__array_namespace__(), weights.scaled
+    # a combination that is lost in the rounding of the normal equations
+    determined = xp.linalg.eigvalsh(scaled if xp is np else jax.lax.stop_gradient(scaled))[0] > 100 * rounding_of(x)
+    covariance = xp.where(determined, weights.noise**2 * weights.inverse, np.inf)
     left = near.distance - weights.noise2 * near.curvature
     soft, centre = iron[:9].reshape(3, 3), iron[9:]
     return Found(x, soft, centre, covariance, weights.noise, weights.freedom, left, near, converged, kind, basis, weights.noise2)
@@ -319,7 +329,7 @@ def maximised(near_at: Callable[..., Near], begin: Any, h: Any, basis: np.ndarra
     In a trace it has a derivative: that of the root of the slope of the cost, with the variance of the noise as one more unknown.
     """
     none = 0.0 * h[:, 0]
-    near = Near(none, h, h, none, none, h)
+    near = Near(none, h, h, none, none, h, h)
     if isinstance(begin, np.ndarray):
         x, near, weights, converged = rounds(lambda x, near: near_at(x, near, *data), begin, near, basis, size)
         return found_of(x, near, weights, basis, converged, kind)
@@ -346,20 +356,3 @@ def of_method(near: Near, x: np.ndarray, basis: np.ndarray, kind: str) -> Found:
     """A surface that another method found, with the smallest covariance that the readings allow there (Cramer-Rao bound)."""
     weights = weighed(x, near, (0.0, 0.0), basis, 1.0)._replace(noise2=0.0, ridge=0.0)
     return found_of(x, near, weights, basis, True, kind)
-
-
-def by_parts(white: Any, jacobian: np.ndarray, left: np.ndarray, prior: np.ndarray | None = None) -> tuple[np.ndarray, bool]:
-    """Covariance of the parameters by fits without parts of the log, and True; if its residuals look white, the given one, and False.
-
-    No parameter is known better than by white residuals. prior : information (p, p) that no part of the log takes away.
-    """
-    shown = np.abs(jacobian).max(axis=0) > 0  # others are in the prior alone
-    if is_white(jacobian[:, shown], left):
-        return white, False
-    other = leave_out(jacobian, left, prior)
-    if prior is not None:
-        if not np.isfinite(other).all():
-            return white, False  # too few to leave any out, and the prior holds what they leave open
-        other = other + white @ prior @ white
-    ratio = np.sqrt(np.maximum(np.diag(white) / np.maximum(np.diag(other), 1e-300), 1.0))
-    return other * np.outer(ratio, ratio), True

@@ -1,5 +1,6 @@
 """Model objects: what a `MagModel`, or a subclass of it with fields of its own, says of readings, with all derivatives."""
 
+import functools
 from typing import Any
 
 import jax
@@ -11,7 +12,47 @@ from .._precision import host_float64
 from .._types import Array, PyTree
 from ..fitting._problem import names_of
 from ._model import MagModel
-from ._orthogonal import distance_to, inverse_of, leaves_of, looked, times
+from ._orthogonal import distance_to, inverse_of, times
+
+_ROWS = 512  # of a block: readings and directions of any number share one program
+
+
+def leaves_of(model: MagModel) -> Any:
+    """The leaves as one vector: soft iron by rows, hard iron, and further ones."""
+    leaves = [leaf.ravel() for leaf in jax.tree.leaves(model)]
+    return (np if all(isinstance(leaf, np.ndarray) for leaf in leaves) else jnp).concatenate(leaves)
+
+
+def rebuilt(model: MagModel, leaves: Any) -> MagModel:
+    """The model with other leaves, of which `leaves_of` made one vector."""
+    parts, structure = jax.tree.flatten(model)
+    ends = np.cumsum([part.size for part in parts]).tolist()
+    return jax.tree.unflatten(structure, [leaves[end - part.size : end].reshape(part.shape) for part, end in zip(parts, ends, strict=True)])
+
+
+# it runs so shortly that it is compiled without optimisation, in half the time
+@functools.partial(filter_jit, further={"xla_backend_optimization_level": 0})
+def _looked(model: MagModel, leaves: Any, h: Any, field: Any, conditions: Any) -> tuple[Any, ...]:
+    """Readings of the unit fields h, and their derivatives (n, 3, 3) by h and (n, 3, p) by the leaves."""
+
+    def along(way: Any) -> tuple[Any, Any]:
+        change = way[: leaves.size], jnp.broadcast_to(way[leaves.size :], h.shape)
+        return jax.jvp(lambda leaves, h: rebuilt(model, leaves).measure(field * h, **conditions), (leaves, h), change)
+
+    measured, slopes = jax.vmap(along, out_axes=(None, -1))(jnp.eye(leaves.size + 3, dtype=h.dtype))
+    return measured, slopes[..., leaves.size :], slopes[..., : leaves.size]
+
+
+def looked(model: MagModel, leaves: Any, h: Any, field: Any, conditions: Any) -> tuple[Any, ...]:
+    """`_looked`, on the host in blocks of one length."""
+    if isinstance(h, jax.Array):
+        return _looked(model, leaves, h, field, conditions)
+    blocks = []
+    for first in range(0, len(h), _ROWS):
+        rows = np.minimum(np.arange(first, first + _ROWS), len(h) - 1)
+        there = {name: values[rows] for name, values in conditions.items()}
+        blocks.append([np.asarray(part) for part in _looked(model, leaves, h[rows], np.float64(field), there)])
+    return tuple(np.concatenate(parts)[: len(h)] for parts in zip(*blocks, strict=True))
 
 
 @host_float64
@@ -23,7 +64,7 @@ def changes_of(model: MagModel, field: Any, usual: dict[str, Any], across: Any, 
     xp = model.soft_iron.__array_namespace__()
     directions = xp.asarray(directions, dtype=model.soft_iron.dtype)
     there = {name: xp.broadcast_to(value, (len(directions), *np.shape(value))) for name, value in usual.items()}
-    _, _, _, push, slopes = looked(model, leaves_of(model), directions, directions, field, there)
+    _, push, slopes = looked(model, leaves_of(model), directions, field, there)
     change = -xp.einsum("ni,nij,njp->np", across, inverse_of(push), slopes)
     return xp.concatenate([change[:, 9:12], change[:, :9], 0.0 * change[:, :1], change[:, 12:]], axis=1)
 
@@ -74,7 +115,6 @@ def _as_array(leaf: Any) -> Any:
 def _residuals(model: MagModel, m: Any, field: Any, conditions: Any) -> Array:
     # one program: called by themselves, its two hundred operations would be compiled one by one
     h = jnp.asarray(model.correct(m, **conditions)) / field
-    measured, slope = jax.linearize(lambda h: model.measure(field * h, **conditions), h)
-    push = jnp.stack([slope(jnp.broadcast_to(axis, h.shape)) for axis in jnp.eye(3, dtype=h.dtype)], axis=-1)
+    measured, push, _ = looked(model, leaves_of(model), h, field, conditions)
     inverse = inverse_of(push)
     return distance_to(inverse.swapaxes(1, 2) @ inverse, m - measured + times(h, push.swapaxes(1, 2)))

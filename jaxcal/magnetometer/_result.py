@@ -11,9 +11,10 @@ from .._special import NORMAL95, student_quantile
 from .._types import AnyArray
 from .._units import BEYOND
 from ..fitting import Estimate
-from ._heading_error import HEADINGS, between, heading_at, needed
+from ._directions import HEADINGS, heading_at, needed
 from ._model import MagModel
 from ._quadric import PLACE, outliers
+from ._surface import between
 
 #: rms heading error in rad above which a fit is weak, and above which it is refused
 LIMITS = (float(np.deg2rad(1.0)), float(np.deg2rad(5.0)))
@@ -27,23 +28,6 @@ _LARGEST = 30.0  # degrees: a larger predicted error only says that the heading 
 def quantity_of(field: Any) -> str:
     """Quantity of the readings: "mag" for a field in tesla, else "counts"; "ratio" where it is traced."""
     return "ratio" if isinstance(field, jax.Array) else "mag" if field < BEYOND["mag"] else "counts"
-
-
-def estimated(model: MagModel, field: Any, covariance: Any, freedom: float | int, further: dict[str, Any] | None = None,
-              held: bool = True) -> Estimate:  # fmt: skip
-    """Hard iron, soft iron, the field and `further` parameters (name -> value), in this order, with their covariance."""
-    xp, quantity, further = covariance.__array_namespace__(), quantity_of(field), further or {}
-    known = xp.isfinite(covariance).all()
-    covariance = xp.where(known, covariance, xp.inf)
-    values = [
-        xp.asarray(model.hard_iron),
-        xp.asarray(model.soft_iron).ravel(),
-        *(xp.ravel(xp.asarray(v)) for v in (field, *further.values())),
-    ]
-    states = {"field": "held"} if held else {}
-    quantities = {"hard_iron": quantity, "field": quantity}
-    quantities |= {name.partition("[")[0]: quantity for name in further if name.startswith("currents.")}
-    return Estimate((*HARD, *SOFT, "field", *further), xp.concatenate(values), covariance, freedom, states, quantities)
 
 
 class MagFit(Result):

@@ -8,6 +8,7 @@ A model object is fitted as the built-in models are. Field magnitudes do not det
 symmetric S, which is fitted, and the rotation Q of the start, which is kept. All other floating leaves are fitted unchanged.
 """
 
+import contextlib
 from typing import Any, NamedTuple
 
 import jax
@@ -18,32 +19,45 @@ import scipy  # loads its parts when they are first used
 from .._answer import Finding
 from .._compile import filter_jit
 from .._errors import DataError
-from ..fitting._information import information as of_jacobian, symmetric_inverse
-from ..fitting._problem import vector_of
+from ..fitting._information import symmetric_inverse
+from ..fitting._serial import BLOCKS, CHANCE, by_parts, followed, span_of
 from . import _quadric as quadric
-from ._checked import Asked
-from ._coverage import bins
+from ._aids import Asked
+from ._directions import bins
 from ._findings import FINDINGS
 from ._model import MagModel
-from ._orthogonal import Found, Near, by_parts, leaves_of, looked, maximised, nearest, of_method, times
-from ._own_model import further_names
+from ._orthogonal import Found, Near, maximised, nearest, of_method, times
+from ._own_model import further_names, leaves_of, looked, rebuilt
 from ._quadric import COUNT, EXACT, NEAR_PLANAR, SYMMETRIC, UPPER, Chosen, Frame, NotEllipsoid, basis_of, unit
 
 #: constant of Tukey's biweight, 95 % efficient with normal noise; standard deviations where its tail begins, how surely it is too heavy,
 #: and rounds; with fewer readings a parameter, residuals of normal noise look heavy in 5 % of logs
 _TUKEY, _TAIL, _SURE, _ROUNDS, _EACH = 4.685, 2.5, 4.0, 4, 4
+FAST, BENT = "rate of turn", "nonlinearity"
+_FEWEST = 80  # readings for which the correlation time is known well enough
+
+
+class Cause(NamedTuple):
+    """One cause: its name, the step of the estimate that it explains, its largest effect on a reading over the field."""
+
+    name: str
+    step: np.ndarray
+    size: float
 
 
 class Surface(NamedTuple):
-    """A fitted surface, the finding why there is none, or the normal of the plane of the readings.
+    """What a fit knows: a fitted surface, the finding why there is none, or the normal of the plane of the readings; then the attitudes.
 
-    rows : numbers of the fitted readings, of those of the log that are finite. m : these readings, as they were fitted. model, field : what
-    the surface says of the iron. slopes : (13 + q, p) derivative of hard iron, soft iron, field and further leaves by the parameters.
-    through : (13, 12), by S and centre. corrected : all readings. residual : (n,) their distances, in their unit.
-    scale, radius : unit of distances, and size of the field in that unit. unseen : (13,) bias by terms that a smaller model leaves out.
-    smaller, larger : whether the model is smaller than the largest, and the surface of that one. best : the model of maximum likelihood
-    beside another method. further, usual : values of further leaves, and the median of each condition. condition, weakest : condition
-    number, and what is determined least. widest : slopes of the distances by the parameters of the largest ellipsoid.
+    rows : numbers of the fitted readings, of those of the log that are finite. m : these readings, as they were fitted. said : findings.
+    found : in scaled readings; scale, radius : unit of its distances, and size of the field in that unit. slopes : (13 + q, p) derivative
+    of hard iron, soft iron, field and further leaves by its parameters. through : (13, 12), by S and centre.
+    model, field : what it says of the iron. further, usual : values of further leaves, and the median of each condition. matrix, freedom :
+    (13 + q, 13 + q) covariance of iron, field and further leaves, and its degrees of freedom. parts : whether it is that of fits without
+    parts of the log. causes : what the residuals follow; their steps are in the covariance.
+    corrected : all readings. residual : (n,) their distances, and noise : their standard deviation, in their unit.
+    unseen : (13,) bias by terms that a smaller model leaves out, or of another method. larger : surface of the largest model, if another.
+    dip, down : of the field, and the axis that points down at level, or None. joint : whether fitted with a sensor beside, or currents;
+    spread, terms : covariance and further parameters with the fields of currents; alignment : the rotation.
     """
 
     refused: Finding | None = None
@@ -52,64 +66,109 @@ class Surface(NamedTuple):
     said: tuple[Finding, ...] = ()
     found: Any = None
     model: Any = None
-    field: Any = None
+    field: Any = np.inf
     slopes: Any = None
     through: Any = None
     corrected: Any = None
-    residual: Any = None
+    residual: Any = np.zeros(0)
+    noise: Any = np.inf
     m: Any = None
     scale: Any = 1.0
     radius: Any = 1.0
     unseen: Any = 0.0
-    smaller: bool = False
     larger: Any = None
-    best: Any = None
     further: Any = None
     usual: Any = None
-    condition: float = np.nan
-    weakest: str = ""
-    widest: Any = None
+    matrix: Any = None
+    freedom: Any = np.inf
+    parts: bool = False
+    causes: tuple[Cause, ...] = ()
+    dip: Any = None
+    down: Any = None
+    joint: str = ""
+    spread: Any = None
+    terms: Any = None
+    alignment: Any = None
 
 
 def surface_of(asked: Asked) -> Surface:
     """The surface through the readings, the finding why there is none, or their plane."""
     if asked.traced:
         return _in_trace(asked.model, asked.m, asked.norm, asked.conditions)
-    own = isinstance(asked.model, MagModel)
-    m = asked.m[asked.there]
+    own, m = isinstance(asked.model, MagModel), asked.m[asked.there]
     picked = Chosen(np.arange(len(m)), m, None, 0) if own else quadric.chosen(m)
-    clipped = (FINDINGS("clipped", count=picked.full),) if picked.full else ()
     try:
         one = _of_object(asked, m) if own else _of_kind(asked, picked)
     except NotEllipsoid as error:
         one = Surface(FINDINGS("no_ellipsoid", quadric=error.quadric))
-    one = one._replace(rows=picked.rows, said=clipped)
+    one = one._replace(rows=picked.rows, said=(FINDINGS("clipped", count=picked.full),) if picked.full else ())
     if one.found is None:
         return one
-    found = one.found
-    if np.isfinite(found.covariance).all() and found.noise > EXACT * one.radius and found.converged:
-        covariance, parts = by_parts(found.covariance, found.near.slopes, found.distance)
-        found = found._replace(covariance=covariance, parts=parts)
-    if own:
-        return one._replace(found=found)
-    residual, corrected, largest = one.residual, np.asarray(one.model.correct(m)), basis_of("symmetric")
-    if not np.array_equal(one.m, m):
-        near = nearest(found.soft, (m - one.model.hard_iron) / one.scale)
-        residual = (near.distance - found.noise2 * near.curvature) * one.scale
-    condition, weakest = information(unit(corrected[one.rows]), found.basis)
-    return one._replace(
-        found=found, corrected=corrected, residual=residual, condition=condition, weakest=weakest,
-        widest=found.near.slopes if found.kind == "symmetric" else slopes_of(found.near, largest),
-    )  # fmt: skip
+    if not own:
+        near = one.found.near if np.array_equal(one.m, m) else nearest(one.found.soft, (m - one.model.hard_iron) / one.scale)
+        one = one._replace(residual=(near.distance - one.found.noise2 * near.curvature) * one.scale, corrected=near.corrected * one.field)
+    return _uncertain(one, asked.conditions)
+
+
+def _uncertain(one: Surface, conditions: dict[str, np.ndarray]) -> Surface:
+    """The surface with its covariance: by parts of the log, at least that of white residuals, with what the fit cannot see by itself."""
+    found, matrix, freedom, parts, causes = one.found, one.found.covariance, one.found.freedom, False, ()
+    if np.isfinite(matrix).all() and found.converged and found.noise > EXACT * one.radius:
+        matrix, parts = by_parts(matrix, found.near.slopes, found.distance)
+        causes = tuple(_causes(one, conditions)) if one.usual is None and np.isfinite(matrix).all() else ()
+    matrix = between(one.slopes, matrix) + sum(np.outer(step, step) for step in [one.unseen, *(cause.step for cause in causes)])
+    return one._replace(matrix=matrix, freedom=float(BLOCKS - 1) if parts else freedom, parts=parts, causes=causes)
+
+
+def _causes(one: Surface, conditions: dict[str, np.ndarray]) -> list[Cause]:
+    """The causes that the residuals beside an ellipsoid show, the surest first."""
+    found, causes, jacobian = one.found, [], one.found.near.slopes
+    if len(found.distance) < _FEWEST:
+        return []
+    # a soft iron that the model leaves out is told by another step: a cause is what the largest model does not explain
+    span = span_of(jacobian if found.kind == "symmetric" else slopes_of(found.near, basis_of("symmetric")))
+    for name, part in _columns(one, conditions).items():
+        part = part[:, np.abs(part).max(axis=0) > 1e-12 * one.radius]
+        coefficients, chance = followed(span, part, found.distance)
+        if chance < CHANCE:
+            effect, length = part @ coefficients, np.linalg.norm(jacobian, axis=0)
+            step = np.linalg.lstsq(jacobian / length, effect, rcond=1e-9)[0] / length
+            causes.append((chance, Cause(name, one.slopes @ step, float(np.max(np.abs(effect))) / one.radius)))
+    return [cause for _, cause in sorted(causes, key=lambda one: one[0])]
+
+
+def _columns(one: Surface, conditions: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Columns of each cause, for the fitted readings in order of time."""
+    near, rows, radius = one.found.near, one.rows, one.radius
+    z, columns = near.field @ one.found.soft, {}
+    for name, values in conditions.items():
+        # the hard iron stays that of the mean condition
+        off = values[rows] - values[rows].mean()
+        if off.any():
+            columns[name] = near.normal * (off / np.abs(off).max())[:, None]
+    # averaging over a short time shortens a turning vector in proportion to the square of its rate
+    turn = np.gradient(unit(one.corrected), axis=0)[rows]
+    columns[FAST] = (np.sum(near.normal * z, axis=1) * np.sum(turn**2, axis=1))[:, None]
+    columns[BENT] = np.concatenate([near.normal * (z / radius) ** 2, near.normal * (z / radius) ** 3], axis=1)
+    return columns
+
+
+def between(slopes: Any, covariance: Any) -> Any:
+    """Covariance J C J'; infinite if C is: infinity times zero is NaN."""
+    xp = covariance.__array_namespace__()
+    known = xp.isfinite(covariance).all()
+    return xp.where(known, slopes @ xp.where(known, covariance, 0.0) @ slopes.T, xp.inf)
 
 
 @filter_jit
 def _in_trace(model: Any, m: Any, norm: Any, conditions: dict[str, Any]) -> Surface:
     """The surface in a trace; one program, since called eagerly by `grad` its operations would be compiled one by one."""
     if isinstance(model, MagModel):
-        return fit_leaves(jax.tree.map(lambda leaf: jnp.asarray(leaf, m.dtype), model), m, norm, conditions)[0]
-    frame = Frame.of(m)
-    return ellipsoid(fitted(frame.scaled(m), model), frame, norm, m)
+        one = fit_leaves(jax.tree.map(lambda leaf: jnp.asarray(leaf, m.dtype), model), m, norm, conditions)
+    else:
+        frame = Frame.of(m)
+        one = ellipsoid(fitted(frame.scaled(m), model), frame, norm, m)
+    return one._replace(matrix=between(one.slopes, one.found.covariance), freedom=float(len(m) - one.found.parameters.size))
 
 
 def _of_kind(asked: Asked, picked: Chosen) -> Surface:
@@ -139,22 +198,22 @@ def _of_kind(asked: Asked, picked: Chosen) -> Surface:
         shape, centre = quadric.constrained(u) if method == "constrained" else quadric.consistent(u)
         x, basis = quadric.parameters_of(least, quadric.soft_of(shape), centre), basis_of(least)
         one = ellipsoid(of_method(by_ellipsoid(u, basis, x), x, basis, least), frame, norm, m)
-        return one if method != "constrained" else one._replace(best=_best(u, frame, norm))
+        with contextlib.suppress(NotEllipsoid):
+            # what the paper's method has beside noise is a bias, as the terms that a smaller model leaves out
+            one = one._replace(unseen=one.slopes @ (fitted(u, least).parameters - x)) if method == "constrained" else one
+        return one
     if model != "auto":
         return ellipsoid(fitted(u, model), frame, norm, m)
     fits, occupied = candidates(u, count)
     found, largest = min(fits.values(), key=lambda one: score(one.distance, one.kind, occupied)), fits.get("symmetric")
     one = ellipsoid(found, frame, norm, m)
-    whole = None if largest is None or found is largest or not largest.converged else ellipsoid(largest, frame, None)
-    return one._replace(unseen=one.through @ left_out(fits, found), smaller=found is not largest, larger=whole)
-
-
-def _best(u: np.ndarray, frame: Frame, norm: float | None) -> MagModel | None:
-    """The model of maximum likelihood of scaled readings, if there is one."""
-    try:
-        return ellipsoid(fitted(u, "symmetric"), frame, norm).model
-    except NotEllipsoid:
-        return None
+    if found is largest:
+        return one
+    wide = one._replace(matrix=np.full((13, 13), np.inf))  # as long as the largest model is not known
+    if largest is not None and largest.converged:
+        wide = ellipsoid(largest, frame, None)
+        wide = wide._replace(matrix=between(wide.slopes, largest.covariance))
+    return one._replace(unseen=one.through @ left_out(fits, found), larger=wide)
 
 
 def radius_of(soft: Any) -> Any:
@@ -179,24 +238,18 @@ def ellipsoid(found: Found, frame: Frame, norm: Any, m: Any = None) -> Surface:
     through = iron_slopes(found.soft * frame.scale, field, norm is not None) * frame.scale
     model = MagModel(found.soft * frame.scale / field, frame.centre + frame.scale * found.centre)
     return Surface(
-        found=found, model=model, field=field, slopes=through @ found.basis, through=through, residual=found.distance * frame.scale, m=m,
-        scale=frame.scale, radius=radius,
+        found=found, model=model, field=field, slopes=through @ found.basis, through=through, residual=found.distance * frame.scale,
+        noise=found.noise * frame.scale, m=m, scale=frame.scale, radius=radius,
     )  # fmt: skip
 
 
 def _of_object(asked: Asked, m: np.ndarray) -> Surface:
     """The surface of a model object through all readings."""
     model = jax.tree.map(lambda leaf: np.asarray(leaf, dtype=float), asked.model)
-    names, kind = further_names(model), type(model).__name__
-    if len(m) <= 9 + len(names):
-        raise DataError(f"There are {len(m)} readings; this model with {9 + len(names)} parameters needs {10 + len(names)}.",
-                        code="few_readings")  # fmt: skip
-    one, inverse = fit_leaves(model, m, asked.norm, asked.conditions)
-    if not inverse:
-        raise DataError(f"`measure` and `correct` of {kind} do not undo one another; `correct` must be its inverse.", code="no_inverse")
-    axes = [f"soft_iron[{i},{j}]" for i, j in zip(*UPPER, strict=True)] + [f"hard_iron[{i}]" for i in range(3)]
-    known = of_jacobian(one.found.near.slopes, names=(*axes, *names))
-    return one._replace(condition=float(known.condition), weakest=", ".join(known.weakest))
+    least = 10 + len(further_names(model))
+    if len(m) < least:
+        raise DataError(f"There are {len(m)} readings; this model with {least - 1} parameters needs {least}.", code="few_readings")
+    return fit_leaves(model, m, asked.norm, asked.conditions)
 
 
 def _distinct(m: np.ndarray) -> int:
@@ -299,80 +352,39 @@ def left_out(fits: dict[str, Found], chosen: Found) -> np.ndarray:
     return np.sqrt(max(1 - more / max(gain, 1e-300), 0.0)) * step
 
 
-def sphere_rows(directions: Any, xp: Any = np) -> Any:
-    """Derivative (n, 9) of the distance of unit vectors to the unit sphere by the upper entries of S and the centre, but for its sign."""
-    i, j = UPPER
-    return xp.concatenate([directions[:, i] * directions[:, j] * SYMMETRIC.sum(axis=0)[None, :], directions], axis=1)
-
-
-def information(directions: np.ndarray, basis: np.ndarray) -> tuple[float, str]:
-    """Condition number of the fit on the unit sphere, and the parameters that it determines least, in words.
-
-    Columns keep their natural scale, because with columns of unit length a thin band of directions would look well conditioned. A row is
-    u'Su + c'u for the changes S and c, with 2 S, the change of the quadric, as parameter.
-    """
-    part = np.repeat([0.5, 1.0], [6, 3])[:, None] * (quadric.inverse_of("symmetric") @ basis)
-    values, vectors = np.linalg.svd(np.linalg.qr(sphere_rows(directions) @ part, mode="r"))[1:]
-    condition = float(values[0] / values[-1]) if len(values) == part.shape[1] and values[-1] > 0 else np.inf
-    axes = [("xyz"[i], "xyz"[j]) for i, j in zip(*UPPER, strict=True)]
-    words = [f"scale along {i}" if i == j else f"coupling of {i} and {j}" for i, j in axes] + [f"hard iron along {i}" for i in "xyz"]
-    weak = np.abs(part @ vectors[-1])
-    return condition, ", ".join(word for word, share in zip(words, weak, strict=True) if share > 0.5 * weak.max())
-
-
-def fit_leaves(model: MagModel, m: Any, field: Any, conditions: dict[str, Any]) -> tuple[Surface, Any]:
-    """The surface of a model object through readings (n, 3), on the host or in a trace, and whether `correct` undoes `measure`."""
-    xp, given, kind = m.__array_namespace__(), leaves_of(model), m.dtype
-    more, turn, begin, norm = given.size - 12, *_start(model, given, m, field, conditions)
+def fit_leaves(model: MagModel, m: Any, field: Any, conditions: dict[str, Any]) -> Surface:
+    """The surface of a model object through readings (n, 3), on the host or in a trace, from the algebraic fit, or else from its values."""
+    xp, given, kind, frame = m.__array_namespace__(), leaves_of(model), m.dtype, Frame.of(m)
+    left, values, right = xp.linalg.svd(given[:9].reshape(3, 3))
+    turn, soft, hard, more = left @ right, (left * values[None]) @ left.T, given[9:12], given.size - 12
+    norm = xp.median(xp.linalg.norm(m - hard[None], axis=1)) if field is None else field
+    with contextlib.suppress(NotEllipsoid):
+        begun = (quadric.host_start if xp is np else quadric.traced_start)(frame.scaled(m), "symmetric")
+        iron = frame.scale * (basis_of("symmetric") @ begun)
+        norm = radius_of(iron[:9].reshape(3, 3)) if field is None else field
+        soft, hard = iron[:9].reshape(3, 3) / norm, frame.centre + iron[9:]
     basis = np.concatenate([basis_of("symmetric"), np.zeros((12, more))], axis=1).astype(kind)
-    soft = (xp.asarray(SYMMETRIC.T.reshape(6, 3, 3), dtype=kind) @ turn).reshape(6, 9).T
+    symmetric = (xp.asarray(SYMMETRIC.T.reshape(6, 3, 3), dtype=kind) @ turn).reshape(6, 9).T
     to_leaves = xp.concatenate([
-        xp.concatenate([soft, xp.zeros((9, 3 + more), dtype=kind)], axis=1), xp.eye(3 + more, 9 + more, 6, dtype=kind)
+        xp.concatenate([symmetric, xp.zeros((9, 3 + more), dtype=kind)], axis=1), xp.eye(3 + more, 9 + more, 6, dtype=kind)
     ])  # fmt: skip
     structure = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), model)
 
     def near_at(x: Any, near: Near, m: Any, norm: Any, conditions: Any, to_leaves: Any) -> Near:
         # in a trace the second look is where the first one ends, so that the slopes have a derivative by that place
         for _ in range(1 if xp is np else 2):
-            _, _, measured, push, slopes = looked(structure, to_leaves @ x, m, near.field, norm, conditions)
+            measured, push, slopes = looked(structure, to_leaves @ x, near.field, norm, conditions)
             near = nearest(push, m - measured + times(near.field, push.swapaxes(1, 2)), near.multiplier)
         return near._replace(slopes=-xp.einsum("ni,nij->nj", near.normal, slopes) @ to_leaves)
 
-    y = looked(structure, to_leaves @ begin, m, m / norm, norm, conditions)[0]
-    h = y / (y**2).sum(axis=1, keepdims=True) ** 0.5
+    h = (m - hard[None]) @ xp.linalg.inv(soft @ turn).T
+    h = h / (h**2).sum(axis=1, keepdims=True) ** 0.5
+    begin = xp.concatenate([soft[UPPER], hard, given[12:]])
     found = maximised(near_at, begin, h, basis, norm, type(model).__name__, m, norm, conditions, to_leaves)
     leaves = to_leaves @ found.parameters
-    y, again, *_ = looked(structure, leaves, m, found.near.field, norm, conditions)
-    slopes = xp.concatenate([to_leaves[np.r_[9:12, 0:9]], xp.zeros((1, 9 + more), dtype=kind), to_leaves[12:]])
-    whole = jax.tree.map(xp.asarray, vector_of(model)[1](leaves))
-    further = dict(zip(further_names(model), leaves[12:], strict=True))
-    usual = {name: xp.median(value, axis=0) for name, value in conditions.items()}
-    one = Surface(
-        found=found, model=whole, field=norm, slopes=slopes, corrected=y, residual=found.distance, m=m, radius=norm, further=further,
-        usual=usual,
+    return Surface(
+        found=found, model=jax.tree.map(xp.asarray, rebuilt(model, leaves)), field=norm, residual=found.distance, noise=found.noise, m=m,
+        slopes=xp.concatenate([to_leaves[np.r_[9:12, 0:9]], xp.zeros((1, 9 + more), dtype=kind), to_leaves[12:]]), radius=norm,
+        corrected=norm * found.near.corrected, further=dict(zip(further_names(model), leaves[12:], strict=True)),
+        usual={name: xp.median(value, axis=0) for name, value in conditions.items()},
     )  # fmt: skip
-    return one, abs(again - found.near.field).max() < 1e-6
-
-
-def _start(model: MagModel, given: Any, m: Any, field: Any, conditions: Any) -> tuple[Any, Any, Any]:
-    """Q of the soft iron S Q, the parameters to start from, and the field.
-
-    The start is the given model, or the same with the iron of the algebraic fit if the magnitudes that it corrects scatter less.
-    """
-    xp = m.__array_namespace__()
-    left, values, right = xp.linalg.svd(given[:9].reshape(3, 3))
-    turn, frame, whole = left @ right, Frame.of(m), (left * values[None]) @ left.T
-    begin = xp.concatenate([whole[UPPER], given[9:]])
-    try:
-        begun = (quadric.host_start if xp is np else quadric.traced_start)(frame.scaled(m), "symmetric")
-    except NotEllipsoid:
-        return turn, begin, float(np.median(np.linalg.norm(m - given[9:12], axis=1))) if field is None else field
-    iron = frame.scale * (basis_of("symmetric") @ begun)
-    soft, hard = iron[:9].reshape(3, 3), frame.centre + iron[9:]
-    norm = radius_of(soft) if field is None else field
-    other = xp.concatenate([(soft / norm)[UPPER], hard, given[12:]])
-    off = []
-    for leaves in (given, xp.concatenate([(soft @ turn / norm).ravel(), hard, given[12:]])):
-        y = looked(model, leaves, m, m / norm, norm, conditions)[0]
-        off.append(((xp.linalg.norm(y, axis=1) - norm) ** 2).sum())
-    return turn, xp.where(off[0] <= off[1], begin, other), norm

@@ -11,12 +11,12 @@ import scipy  # loads its parts when they are first used
 from .._errors import DataError
 from .._precision import array_module, host_float64
 from .._types import Any, AnyArray, Array, Samples
+from ._directions import both_tilts, by_iron, heading_at
 from ._field import INCLINATION, unit_field
-from ._heading_error import both_tilts, by_iron, heading_at
+from ._judge import sphere_rows
 from ._model import MagModel
 from ._quadric import basis_of
 from ._result import MagFit
-from ._surface import sphere_rows
 
 _STARTS, _FEWEST = 4, 10  # random plans, of which the best is kept; readings: one more than parameters
 

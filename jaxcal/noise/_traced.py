@@ -17,7 +17,7 @@ import numpy as np
 from .._errors import DataError
 from .._types import AnyArray, Array
 from ..fitting import solve
-from ..fitting._descent import implicit
+from ..fitting._implicit import implicit
 from ._likelihood import FAINT
 from ._limits import Limits, levels_of
 from ._ordinates import bins_of

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from jaxcal import DataError
 from jaxcal.magnetometer import fit, guide
-from jaxcal.magnetometer._heading_error import heading_change
+from jaxcal.magnetometer._directions import heading_change
 
 SOFT = np.array([[1.1, 0.06, -0.04], [0.06, 0.92, 0.05], [-0.04, 0.05, 1.0]])
 HARD = np.array([0.3, -0.2, 0.4])

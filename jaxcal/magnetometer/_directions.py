@@ -1,19 +1,158 @@
-"""Heading error from the covariance of hard and soft iron."""
+"""Directions of a field in the sensor's axes: how readings cover them, and the error of the heading that each gives.
+
+Coverage is by MotionCal's regions (with its southern index corrected) and by the largest gap; the heading error by first derivatives.
+"""
 
 import functools
 from collections.abc import Callable, Sequence
+from types import ModuleType
 from typing import Any
 
+import equinox as eqx
 import numpy as np
+import scipy  # loads its parts when they are first used
 
 from .._compile import filter_jit
-from .._types import AnyArray
-from ._coverage import sphere_grid
-from ._field import INCLINATION, unit_field
+from .._errors import DataError
+from .._precision import host_float64, real_numbers
+from .._types import AnyArray, Samples
 from ._own_model import changes_of
+from ._quadric import unit
 
+#: dip of the field at Ankara, where the magnetometer paper's experiment was made
+INCLINATION = np.deg2rad(57.0)
 TILT = np.deg2rad(20.0)  # of a vehicle that brakes or banks
 HEADINGS = np.arange(24) * np.pi / 12  # every 15 degrees
+ZONES = (1, 15, 34, 34, 15, 1)  # sectors of the zones of latitude, from the north pole on: 100 regions of equal area
+_GRID = 500  # points of the lattice, 9 degrees apart
+
+
+class Coverage(eqx.Module):
+    """How well readings fill the sphere of directions.
+
+    Attributes
+    ----------
+    counts : (100,) readings per region of equal area: pole, 15 sectors, 34, 34, 15, pole.
+    occupied : share of 500 equal bins that contain a reading.
+    largest_gap : half-angle of the largest cap without a reading, rad.
+    missing : (k, 3) unit vectors to the centres of the regions without a reading.
+
+    Examples
+    --------
+    >>> from jaxcal.magnetometer import body_field, coverage, scenario
+    >>> found = coverage(body_field(scenario("three_turns")))
+    >>> f"{100 * found.occupied:.0f} % of the directions", len(found.missing) > 50
+    ('13 % of the directions', True)
+    """
+
+    counts: AnyArray
+    occupied: float
+    largest_gap: float
+    missing: AnyArray
+
+
+@functools.cache
+def sphere_grid(count: int = _GRID) -> np.ndarray:
+    """Points of a Fibonacci lattice, (count, 3); each represents nearly the same area."""
+    k = np.arange(count) + 0.5
+    z, angle = 1 - 2 * k / count, np.pi * (1 + np.sqrt(5)) * k
+    grid = np.stack([np.sqrt(1 - z**2) * np.cos(angle), np.sqrt(1 - z**2) * np.sin(angle), z], axis=1)
+    grid.flags.writeable = False
+    return grid
+
+
+@functools.cache
+def _tree() -> Any:
+    return scipy.spatial.KDTree(sphere_grid())
+
+
+def bins(directions: np.ndarray) -> np.ndarray:
+    """Index of the nearest of the 500 grid points for each unit vector."""
+    return np.asarray(_tree().query(directions)[1])
+
+
+def _edges() -> np.ndarray:
+    """Heights of the upper edges of the zones, on a sphere of radius one."""
+    return 1 - 2 * np.cumsum([0, *ZONES[:-1]]) / sum(ZONES)
+
+
+def regions(directions: np.ndarray) -> np.ndarray:
+    """Region of each direction, 0 to 99."""
+    x, y, z = directions.T
+    zone = np.searchsorted(-_edges(), -z, side="right") - 1
+    sectors = np.array(ZONES)[zone]
+    sector = np.minimum(sectors - 1, ((np.arctan2(y, x) + np.pi) * sectors / (2 * np.pi)).astype(int))
+    return np.cumsum([0, *ZONES[:-1]])[zone] + sector
+
+
+@functools.cache
+def middles() -> np.ndarray:
+    """Unit vectors to the centres of the regions, (100, 3)."""
+    latitude = np.arcsin(np.append(_edges(), -1.0))
+    middle = np.repeat((latitude[1:] + latitude[:-1]) / 2, ZONES)
+    middle[[0, -1]] = latitude[[0, -1]]
+    longitude = np.concatenate([(np.arange(n) + 0.5) * 2 * np.pi / n for n in ZONES]) - np.pi
+    found = np.stack([np.cos(longitude) * np.cos(middle), np.sin(longitude) * np.cos(middle), np.sin(middle)], axis=1)
+    found.flags.writeable = False
+    return found
+
+
+@host_float64
+def coverage(m: Samples) -> Coverage:
+    """How evenly corrected readings fill the sphere.
+
+    Parameters
+    ----------
+    m : (n, 3) corrected readings in any unit; the hard iron must be subtracted already.
+
+    Returns
+    -------
+    Coverage
+
+    Raises
+    ------
+    DataError
+        If a reading is zero or not finite, or there are no readings.
+
+    Examples
+    --------
+    >>> import jaxcal
+    >>> from jaxcal.magnetometer import body_field, scenario
+    >>> full = jaxcal.magnetometer.coverage(body_field(scenario("all", samples=2000)))
+    >>> turns = jaxcal.magnetometer.coverage(body_field(scenario("three_turns")))
+    >>> len(full.missing) < 1, len(turns.missing) > 50
+    (True, True)
+
+    References
+    ----------
+    P. Stoffregen, MotionCal (quality.c), with corrected positions of the southern sectors.
+    """
+    return covered(real_numbers(m, "m"))
+
+
+def covered(m: np.ndarray) -> Coverage:
+    """`coverage` for NumPy arrays on the host."""
+    if m.ndim != 2 or m.shape[-1] != 3 or not len(m):
+        raise DataError(f"The corrected readings have shape {m.shape}; they must be (n, 3) with at least one row.")
+    norm = np.linalg.norm(m, axis=1)
+    if not (np.isfinite(norm) & (norm > 0)).all():
+        raise DataError("A corrected reading is zero or not finite; leave it out.")
+    directions = m / norm[:, None]
+    region = regions(directions)
+    counts = np.bincount(region, minlength=100)
+    filled = counts > 0
+    largest = float(np.max(scipy.spatial.KDTree(directions).query(sphere_grid())[0]))
+    occupied = int(np.count_nonzero(np.bincount(bins(directions)))) / _GRID
+    return Coverage(counts, occupied, 2 * float(np.arcsin(min(largest / 2, 1.0))), middles()[~filled])
+
+
+def unit_field(attitudes: Any, inclination: Any, xp: ModuleType = np) -> Any:
+    """`body_field` of magnitude one. Plain numbers give NumPy arrays, even while something else is traced."""
+    azimuth, elevation, bank = xp.moveaxis(attitudes, -1, 0)
+    ct, st, cp, sp = xp.cos(elevation), xp.sin(elevation), xp.cos(bank), xp.sin(bank)
+    north, east, down = xp.cos(inclination) * xp.cos(azimuth), -xp.cos(inclination) * xp.sin(azimuth), xp.sin(inclination)
+    forward, below = north * ct - down * st, north * st + down * ct
+    return xp.stack([forward, east * cp + below * sp, below * cp - east * sp], axis=-1)
 
 
 def tilted(headings: np.ndarray, tilt: float) -> np.ndarray:
@@ -23,11 +162,10 @@ def tilted(headings: np.ndarray, tilt: float) -> np.ndarray:
     return np.stack([np.resize(headings, len(way)), elevation, bank], axis=1)
 
 
-def _level_axes(attitudes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Unit vectors forward and to the right in the horizontal plane, in body axes, (n, 3) each."""
-    _, elevation, bank = attitudes.T
-    ct, st, cp, sp = np.cos(elevation), np.sin(elevation), np.cos(bank), np.sin(bank)
-    return np.stack([ct, sp * st, cp * st], axis=1), np.stack([0 * ct, cp, -sp], axis=1)
+def level_axes(up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors forward and to the right in the horizontal plane, (n, 3) each, in the body axes of upward vectors."""
+    forward = unit(np.array([1.0, 0.0, 0.0]) - up[:, :1] * up)
+    return forward, np.cross(forward, up)
 
 
 def levelled(down: AnyArray | None) -> np.ndarray:
@@ -44,14 +182,14 @@ def levelled(down: AnyArray | None) -> np.ndarray:
     return np.array(found)
 
 
-def _grid(headings: np.ndarray, tilt: float, dip: float, down: AnyArray | None) -> tuple[np.ndarray, np.ndarray]:
-    """Derivative (m, 3) of headings by the corrected unit field, and that field: for each `down`, direction of tilt, and heading."""
-    attitudes = tilted(headings, tilt)
+@functools.lru_cache(maxsize=64)
+def _turning(headings: tuple[float, ...], tilt: float, dip: float) -> tuple[np.ndarray, np.ndarray]:
+    """Derivative (m, 3) of headings by the unit field, and that field, for z down: for each direction of tilt, and heading."""
+    attitudes = tilted(np.array(headings), tilt)
     directions = unit_field(attitudes, dip)
-    forward, right = _level_axes(attitudes)
+    forward, right = level_axes(-unit_field(attitudes, np.pi / 2))
     x, y = (np.sum(directions * axis, axis=1, keepdims=True) for axis in (forward, right))
-    across, turns = (y * forward - x * right) / (x**2 + y**2), levelled(down)
-    return (across @ turns).reshape(-1, 3), (directions @ turns).reshape(-1, 3)
+    return (y * forward - x * right) / (x**2 + y**2), directions
 
 
 def heading_slopes(change: Callable[[Any, Any], Any], headings: np.ndarray, tilt: float, dip: float, down: AnyArray | None) -> Any:
@@ -60,21 +198,13 @@ def heading_slopes(change: Callable[[Any, Any], Any], headings: np.ndarray, tilt
     change : takes vectors (n, 3) and unit fields in body axes (n, 3) to the change of the corrected fields along these vectors with the
     parameters, (n, p). down : the axis that points down at level; None for all six.
     """
-    return change(*_grid(headings, tilt, dip, down))
+    return change(*((part @ levelled(down)).reshape(-1, 3) for part in _turning(tuple(headings.tolist()), tilt, float(dip))))
 
 
 def both_tilts(change: Callable[[Any, Any], Any], dip: float, down: AnyArray | None = None) -> tuple[Any, Any]:
     """`heading_slopes` at every 15 degrees, at level and at 20 degrees of tilt."""
-    level, leaning = (_grid(HEADINGS, tilt, dip, down) for tilt in (0.0, TILT))
-    rows = change(*(np.concatenate(parts) for parts in zip(level, leaning, strict=True)))
-    return rows[: len(level[0])], rows[len(level[0]) :]
-
-
-def between(slopes: Any, covariance: Any) -> Any:
-    """Covariance J C J'; infinite if C is: infinity times zero is NaN."""
-    xp = covariance.__array_namespace__()
-    known = xp.isfinite(covariance).all()
-    return xp.where(known, slopes @ xp.where(known, covariance, 0.0) @ slopes.T, xp.inf)
+    level, tilted = (heading_slopes(change, HEADINGS, tilt, dip, down) for tilt in (0.0, TILT))
+    return level, tilted
 
 
 def rms_heading(slopes: tuple[Any, Any], covariance: Any) -> Any:
@@ -105,7 +235,7 @@ def by_iron(model: Any, field: Any) -> Callable[[Any, Any], Any]:
 
 def angle(attitudes: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Magnetic heading in rad of corrected fields `y` in body axes, for known attitudes."""
-    forward, right = (np.sum(y * axis, axis=1) for axis in _level_axes(attitudes))
+    forward, right = (np.sum(y * axis, axis=1) for axis in level_axes(-unit_field(attitudes, np.pi / 2)))
     return np.arctan2(-right, forward)
 
 

@@ -1,0 +1,338 @@
+"""What sensors beside the magnetometer tell: its axes, the dip, which axis points down, and the fit of the magnitudes together with them.
+
+Of the 48 signed permutations P of the axes, two explain a log: +P with the dip d and -P with the dip -d. One of the two is a rotation,
+the other mirrors, and only the sign of the dip tells which: a mirrored axis is half a turn with a dip of the other sign.
+"""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import numpy as np
+import scipy  # loads its parts when they are first used
+
+from .._answer import CAUTION, FATAL, NOTE, Finding, Quantity
+from .._arrays import axis_fault, axis_turns, axis_words
+from .._errors import DataError
+from ..fitting._serial import BLOCKS
+from ._aided import Known, Solution, attitudes_in_segments, averaged, north_of, poses, solved
+from ._aids import NAMES, Alignment, Asked, Attitudes, vector_from
+from ._directions import INCLINATION, heading_errors
+from ._findings import AGREE, FINDINGS
+from ._model import MagModel
+from ._quadric import NEAR_PLANAR, Frame, extents, sphere_centre, unit
+from ._surface import Surface, iron_slopes
+
+#: rad between verticals of one pose, ten times the scatter of an accelerometer by hand; usual steps between its readings: 1 in 10,000 of
+#: those with normal noise is farther off
+_POSE, _STEPS = np.deg2rad(3.0), 3.0
+_DIP, _ANY_DIP, _FIELD = np.deg2rad(0.5), 0.5, 0.02  # rad, prior spread of a given dip, and of one that is not; share of a given field
+_CLEARER = 2.0  # times less scatter than that of equal axes, to be believed; one mirrored axis had 3 at least in 25 real logs, 18 usually
+FEWEST = 5  # poses: three angles and the dip need four
+TURNED = 0.5  # length of the mean unit field: sin(dip) for turns about the vertical, zero for a sensor turned through all attitudes
+_LOOSE = 0.2  # scatter of the sine of the dip above which no axes explain the log
+
+
+class Axes(NamedTuple):
+    """Signed permutation P (3, 3), from the axes of the accelerometer to those of the magnetometer, with the dip in rad.
+
+    The dip is NaN beside rates. sure : whether the other reading, -P, is excluded.
+    """
+
+    turn: np.ndarray
+    dip: float
+    sure: bool = False
+
+    @property
+    def same(self) -> bool:
+        """Whether both sensors have the same axes, or axes that are reversed together."""
+        return bool(np.array_equal(self.turn, np.eye(3)))
+
+
+def clearest(scatter: np.ndarray, alone: bool = False) -> int:
+    """Number of the axes with the least scatter; they must be clearly better than the first, the same ones, and if `alone` than all."""
+    best = int(np.argmin(scatter))
+    # than the others by a factor of 1.2: logs that turn about one axis have 1.0 to 1.1, halves of one with uneven stamps 1.4, others 4
+    rival = np.delete(scatter, best).min() * _CLEARER**0.75 if alone else np.inf
+    return best if _CLEARER * scatter[best] < min(scatter[0], rival) else 0
+
+
+def axes_of(field: np.ndarray, up: np.ndarray) -> Axes | None:
+    """The axes in which corrected unit fields (n, 3) and unit specific forces at rest keep their angle; None if in none."""
+    there = np.isfinite(field).all(axis=1) & np.isfinite(up).all(axis=1)
+    if there.sum() < FEWEST:
+        return None
+    known = axis_turns()
+    products = np.einsum("ni,kij,nj->kn", field[there], known, up[there])
+    scatter = np.std(products, axis=1)
+    best = clearest(scatter)
+    if not scatter[best] < _LOOSE:
+        return None
+    return Axes(known[best], -float(np.arcsin(np.clip(np.mean(products[best]), -1, 1))))
+
+
+def axes_by_rates(field: np.ndarray, attitude: np.ndarray, member: np.ndarray) -> Axes:
+    """The axes in which corrected unit fields stand still where the rates turn them back, in each segment; mirrored ones look turned."""
+    known, scatter = axis_turns(), []
+    count = np.maximum(np.bincount(member), 1)[:, None]
+    for turn in known:
+        back = np.einsum("nij,nj->ni", attitude, field @ turn)
+        total = np.zeros((len(count), 3))
+        np.add.at(total, member, back)
+        scatter.append(float(np.sqrt(np.mean(np.sum((back - (total / count)[member]) ** 2, axis=1)))))
+    return Axes(known[clearest(np.array(scatter))], np.nan)
+
+
+def axes_by_headings(field: np.ndarray, point: np.ndarray) -> Axes:
+    """The axes in which corrected unit fields are those of known attitudes, (n, 3) each: headings show mirrored axes."""
+    known = np.concatenate([axis_turns(), -axis_turns()])
+    scatter = np.array([np.sqrt(np.mean(np.sum((field - point @ turn.T) ** 2, axis=1))) for turn in known])
+    return Axes(known[clearest(scatter)], np.nan, True)
+
+
+def by_axes(found: Axes | None, sign: float, turns: bool = True) -> list[Finding]:
+    """Findings about the axes; `sign` of the dip at the place, zero if unknown. Only a fit that turns its axes is refused for them."""
+    if found is None:
+        return []
+    grave, dip, mirror = FATAL if turns else CAUTION, abs(found.dip), np.linalg.det(found.turn) < 0
+    first, second, wrong = axis_words(found.turn), axis_words(-found.turn), found.turn if mirror else -found.turn
+    fault, typed = axis_fault(wrong), axis_words(wrong.T)
+    known = sign * found.dip if sign and dip > AGREE else float(found.sure)
+    if mirror or (known < 0 and not found.same):
+        return [FINDINGS("mirrored", severity=grave, what=fault, axes=first if mirror else second, typed=typed)]
+    if found.same:
+        return [FINDINGS("reversed", dip=Quantity(found.dip, "angle"))] if known < 0 else []
+    if known > 0:
+        return [FINDINGS("remounted", axes=first)]
+    if not np.isfinite(found.dip):
+        return [FINDINGS("axes_turned", severity=grave, first=first, second=second)]
+    open_ = Quantity(found.dip, "angle"), Quantity(-found.dip, "angle")
+    return [FINDINGS("axes_open", severity=grave, dip=open_[0], other=open_[1], first=first, second=second)]
+
+
+def down_by(up: Any) -> np.ndarray | None:
+    """The axis that points down at level: the mean vertical of a sensor that tilts little; None for one turned through all attitudes."""
+    if up is None or not np.isfinite(up).all(axis=1).any():
+        return None
+    mean = np.nanmean(up, axis=0)
+    size = float(np.linalg.norm(mean))
+    return -mean / size if size > TURNED else None
+
+
+def down_of(directions: np.ndarray, dip: float) -> np.ndarray | None:
+    """The axis about which a sensor turned, from unit fields (n, 3), or None if it was turned through all attitudes."""
+    mean = directions.mean(axis=0)
+    size = float(np.linalg.norm(mean))
+    return np.copysign(1.0, dip) * mean / size if size > TURNED else None
+
+
+def _orientation(asked: Asked, surface: Surface) -> tuple[list[Finding], float, bool, np.ndarray | None]:
+    """Findings about the axes, the dip, whether it is known, and the axis that points down, by an accelerometer or corrected readings.
+
+    The accelerometer has a say only if its axes agree with those of the readings.
+    """
+    field, axes, dip, down = unit(surface.corrected), None, asked.dip if asked.known else None, None
+    if asked.at.source in ("accel", "attitude"):
+        up = asked.at.up
+        axes, there = axes_of(field, up), np.isfinite(up).all(axis=1)
+        dips = -np.arcsin(np.clip(np.sum(field * up, axis=1)[there], -1, 1))
+        if axes is not None and axes.same and np.std(dips) < AGREE:
+            dip, down = axes.dip if dip is None else dip, down_by(up)
+    known, dip = dip is not None, asked.dip if dip is None else dip
+    down = down_of(field[surface.rows], dip) if down is None else down
+    return by_axes(axes, asked.sign, turns=False) if axes else [FINDINGS("unseen_axes")], dip, known, down
+
+
+def beside(asked: Asked, surface: Surface) -> Surface:
+    """The surface with the attitudes; fitted together with what tells more than magnitudes: an aid that turns axes, currents, a field."""
+    if asked.traced:
+        return surface._replace(said=(FINDINGS("not_judged"),), dip=asked.dip)
+    faults, said, dip, down = [], surface.said, asked.dip, None
+    if surface.found is None:
+        said = (*said, *([] if surface.refused is None else [surface.refused]))
+    else:
+        faults, dip, known, down = _orientation(asked, surface)
+        said = (*([] if known else [FINDINGS("dip_assumed", dip=Quantity(dip, "angle"))]), *said)
+    flat = surface.plane is not None and not asked.turns
+    if not (flat or asked.turns or asked.currents or asked.field_error is not None):
+        return surface._replace(said=(*faults, *said), dip=dip, down=down)
+    at = asked.at if asked.turns else Attitudes(rotated=False)
+    if flat:
+        at = Attitudes("plane", np.tile(-surface.plane, (len(asked.m), 1)), rotated=False)
+    log = _prepared(asked, surface)
+    axes, found = _together(asked, surface._replace(dip=dip, down=down), at, log)
+    faults = by_axes(axes, asked.sign) if axes else [FINDINGS("unseen_axes")]
+    if found is None or not np.isfinite(found.covariance).all():
+        faults += [] if found is None else [FINDINGS("not_converged", what="the soft iron beside the other sensor")]
+        return surface._replace(said=(*said, *faults), dip=dip, down=down)
+    return _joint(asked, surface._replace(dip=dip), at, log, found, faults)
+
+
+class _Readings(NamedTuple):
+    """Readings (n, 3) of a log, and the rows to fit; currents (n, k), those nearest to zero, and their sizes; the field, and the frame."""
+
+    m: np.ndarray
+    rows: np.ndarray
+    currents: np.ndarray
+    nearest: np.ndarray
+    size: np.ndarray
+    norm: float | None
+    frame: Frame
+
+
+def _prepared(asked: Asked, surface: Surface) -> _Readings:
+    """The readings, without what a model object adds to its iron, as far as the magnitudes show it."""
+    m, norm, rows = asked.m, asked.norm, asked.there[surface.rows]
+    if surface.usual is not None:
+        m, norm = m.copy(), float(surface.field)
+        m[asked.there] = surface.corrected @ surface.model.soft_iron.T + surface.model.hard_iron
+    currents = np.array([*asked.currents.values()]).reshape(len(asked.currents), len(m)).T
+    # the hard iron of the fit is that at the recorded current nearest to zero, where the heading error holds
+    nearest = np.clip(0.0, currents.min(axis=0), currents.max(axis=0))
+    return _Readings(m, rows, currents, nearest, np.abs(currents - nearest).max(axis=0), norm, Frame.of(m[rows]))
+
+
+def _together(asked: Asked, surface: Surface, at: Attitudes, log: _Readings) -> tuple[Axes | None, Solution | None]:
+    """The axes, and the fit of readings with attitudes and currents; no fit with wrong axes."""
+    x, currents, rows = log.m[log.rows], (log.currents - log.nearest)[log.rows] / log.size, log.rows
+    up, heading = (None if part is None else part[rows] for part in (at.up, at.heading))
+    if up is not None and at.source != "plane":
+        number = poses(x, up, heading, _POSE, _STEPS)
+        x, up, currents = averaged(x, number), unit(averaged(up, number)), averaged(currents, number)
+        heading = None if heading is None else averaged(heading, number)
+    count = len(x) if up is None else int(np.isfinite(up).all(axis=1).sum())
+    if count < FEWEST:
+        raise DataError(f"{count} readings with the {NAMES[at.source]} are left; at least {FEWEST} are needed.", code="few_readings")
+    u, at = log.frame.scaled(x), at._replace(up=up, heading=heading, rows=rows)
+    dip = at.dip if at.dip is not None else asked.dip if asked.known else None
+    aim, usable, scale = INCLINATION if dip is None else dip, surface.found is not None and surface.found.converged, log.frame.scale
+    if usable:  # so well known that axes are seen, and a fit begins, with the readings that it corrects
+        error = heading_errors(surface.model, surface.field, surface.usual, surface.dip, surface.down, [surface.matrix])[0][0]
+        usable = error <= asked.limits[1]
+    if usable:
+        begin = surface.model.soft_iron * surface.field / scale, (surface.model.hard_iron - log.frame.centre) / scale
+    else:
+        begin = _round(u, aim)
+    axes = _axes(unit((u - begin[1]) @ np.linalg.inv(begin[0]).T), at, aim, usable)
+    if any(one.severity == FATAL for one in by_axes(axes, 0.0 if dip is None else float(np.sign(dip)))):
+        return axes, None
+    base, held = np.eye(3) if axes is None else axes.turn, np.eye(3)
+    if at.source == "headings":
+        # they show a rotation about the vertical; nothing shows one about a level axis if there is no accelerometer
+        down = None if at.level else down_by(up)
+        held = np.zeros((0, 3)) if down is None else np.eye(3) - np.outer(base @ down, base @ down)
+    # the accelerometer's own dip is the start, and against it a given one would pull the fit apart
+    seen = axes.dip if axes is not None and np.isfinite(axes.dip) else None
+    agrees = dip is not None and (seen is None or np.sign(seen) == np.sign(dip))
+    field, error = (0.0, np.inf) if log.norm is None else (float(np.log(log.norm / scale)), asked.field_error or _FIELD)
+    known = Known(field, error, asked.field_error is not None, float(aim) if agrees or seen is None else seen, _DIP if agrees else _ANY_DIP)
+    noise = surface.noise / scale if np.isfinite(surface.noise) else 0.01
+    return axes, solved(u, at, (begin[0] @ base, begin[1]), base, held, known, currents, noise)
+
+
+def _axes(y: np.ndarray, at: Attitudes, dip: float, usable: bool) -> Axes | None:
+    """The axes of the other sensor by what it tells of the attitudes of corrected unit fields, if these are usable."""
+    if at.gyro is not None:
+        segment, attitude, _ = (x[at.rows] for x in attitudes_in_segments(at.gyro, at.rate))
+        there = segment >= 0
+        return axes_by_rates(y[there], attitude[there], np.unique(segment[there], return_inverse=True)[1])
+    there = np.zeros(0, dtype=bool) if at.heading is None else np.isfinite(at.heading) & np.isfinite(at.up).all(axis=1)
+    if at.heading is not None and there.sum() >= FEWEST:
+        return axes_by_headings(y[there], north_of(at.up[there], at.heading[there], dip))
+    return axes_of(y, at.up) if at.up is not None and usable and at.rotated else None
+
+
+def _round(u: np.ndarray, dip: float) -> tuple[np.ndarray, np.ndarray]:
+    """Start from a sphere through scaled readings; a circle has the size of the field's horizontal part."""
+    centre = sphere_centre(u)
+    size = float(np.sqrt(np.mean(np.sum((u - centre) ** 2, axis=1))))
+    flat = extents(u - u.mean(axis=0))
+    size = size / np.cos(dip) if flat[-1] < 4 * NEAR_PLANAR * flat[0] else size
+    return size * np.eye(3), centre
+
+
+def _joint(asked: Asked, surface: Surface, at: Attitudes, log: _Readings, found: Solution, faults: list[Finding]) -> Surface:
+    """The surface of a solution, with its findings."""
+    frame, source, there, dip, own = log.frame, at.source, asked.there, asked.dip if asked.known else None, surface.usual is not None
+    whole, norm = found.matrix * frame.scale, log.norm
+    field = float(np.cbrt(np.linalg.det(whole))) if norm is None else float(norm)
+    terms = found.parameters[18:].reshape(-1, 3) * (frame.scale / log.size)[:, None]
+    hard = frame.centre + frame.scale * found.centre
+    model = MagModel(whole / field, hard - log.nearest @ terms)
+    corrected = (log.m[there] - log.currents[there] @ terms - model.hard_iron) @ np.linalg.inv(model.soft_iron).T
+    other = float(found.parameters[13])
+    seen = dip if dip is not None else other if source in ("accel", "attitude", "headings") else surface.dip
+    level = np.array([0.0, 0.0, 1.0]) if at.level else down_by(at.up)
+    # distances to first order: the magnitude of the field over the length of its slope
+    slope = np.linalg.norm(unit(corrected) @ np.linalg.inv(model.soft_iron), axis=1)
+    residual = (np.linalg.norm(corrected, axis=1) - field) / slope
+    matrix = _spread(found, frame.scale, whole, field, norm is not None, log.size)
+    # where the currents are none, the hard iron has the error of their fields
+    move = np.eye(len(matrix))
+    move[:3, 13:] = -np.kron(log.nearest, np.eye(3))
+    spread, matrix = move @ matrix @ move.T, matrix[:13, :13]
+    if own:
+        model = eqx.tree_at(lambda m: (m.soft_iron, m.hard_iron), surface.model, (model.soft_iron, model.hard_iron))
+        known, count = surface.matrix[13:, 13:], len(spread)
+        order = np.r_[0:13, count : count + len(known), 13:count]
+        spread = scipy.linalg.block_diag(spread, known)[np.ix_(order, order)]
+        matrix = scipy.linalg.block_diag(matrix, known)
+
+    said = [*faults, *surface.said]
+    if source == "plane":
+        said.append(FINDINGS("plane", severity=NOTE if asked.model == "planar" else CAUTION))
+    turn = _alignment(found, source) if source not in ("", "plane") else None
+    if turn is not None:
+        said += turn.findings
+        said += FINDINGS.over("aid_off", found.spread, angle=Quantity(found.spread, "angle"), source=NAMES[source])
+        if dip is not None and source in ("accel", "attitude") and {one.code for one in faults} <= {"unseen_axes"}:
+            said += FINDINGS.over("dip_differs", abs(other - dip), found=Quantity(other, "angle"), given=Quantity(dip, "angle"))
+    if norm is not None and asked.field_error is not None and surface.model is not None:
+        mean = float(np.cbrt(np.linalg.det(surface.model.soft_iron)) * surface.field)
+        doubt = np.hypot(asked.field_error, np.sqrt(surface.matrix[3, 3]))
+        said += FINDINGS.over("contradicts", abs(np.log(mean / norm)) / doubt, found=mean, given=norm)
+    if not found.converged:
+        said.append(FINDINGS("not_converged", what="the soft iron"))
+    if dip is None and source not in ("accel", "attitude", "headings"):
+        said.append(FINDINGS("dip_assumed", dip=Quantity(INCLINATION, "angle")))
+    kind = {"": "symmetric", "plane": "planar"}.get(source, "full")
+    return surface._replace(
+        joint=surface.found.kind if own else kind, said=tuple(said), model=model, field=field, corrected=corrected, residual=residual,
+        noise=float(np.sqrt(np.sum(residual[surface.rows] ** 2) / max(len(log.rows) - 13, 1))), matrix=matrix, spread=spread,
+        freedom=float(BLOCKS - 1 if found.parts else max(len(found.across) - 13, 1)), parts=found.parts, dip=seen,
+        down=down_of(unit(corrected), seen) if level is None else level, alignment=turn,
+        terms={f"currents.{name}[{i}]": terms[j, i] for j, name in enumerate(asked.currents) for i in range(3)},
+    )  # fmt: skip
+
+
+def _spread(found: Any, scale: float, whole: np.ndarray, field: float, given: bool, size: np.ndarray) -> np.ndarray:
+    """Covariance of hard iron, soft iron, field and the fields of currents from that of the scaled solution."""
+    count = len(found.parameters) - 18
+    kept = np.r_[0:12, 18 : 18 + count]  # C, b, K
+    matrix = found.covariance[np.ix_(kept, kept)] * scale**2
+    slopes = np.zeros((13 + count, 12 + count))
+    slopes[:13, :12] = iron_slopes(whole, field, given)
+    slopes[13:, 12:] = np.diag(1 / np.repeat(size, 3))
+    return slopes @ matrix @ slopes.T
+
+
+def _alignment(found: Solution, source: str) -> Alignment:
+    """The rotation in a solution: C = S Q with a symmetric S."""
+    left, values, right = np.linalg.svd(found.matrix)
+    rotation, whole = left @ right, (right.T * values) @ right
+    by = [rotation.T @ step.reshape(3, 3) for step in np.eye(9)]
+    turns = np.array([_turn(whole, one) for one in by]).T
+    covariance = turns @ found.covariance[:9, :9] @ turns.T
+    rates = source == "gyro"
+    late = float(np.sqrt(found.covariance[17, 17])) if rates else float("nan")
+    said = tuple(FINDINGS.over("delay_open", late))
+    return Alignment(
+        rotation, covariance, float(np.linalg.norm(vector_from(rotation))), float("nan") if rates else float(found.parameters[13]),
+        found.spread, found.parameters[14:17] if rates else np.zeros(3), int(np.sum(found.along)), source,
+        float(found.parameters[17]) if rates else float("nan"), late, said,
+    )  # fmt: skip
+
+
+def _turn(whole: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """Rotation vector w that a change Q'dC = [w]x P + dP contains, for the symmetric P = (C'C)^(1/2): (tr P - P) w = its odd part."""
+    odd = np.array([change[2, 1] - change[1, 2], change[0, 2] - change[2, 0], change[1, 0] - change[0, 1]])
+    return np.linalg.solve(np.trace(whole) * np.eye(3) - whole, odd)
