@@ -1,6 +1,7 @@
 """`jaxcal budget`: what the errors of a sensor cost; `jaxcal sheet`: the noise of a data sheet for other tools."""
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -10,15 +11,26 @@ import jaxcal
 
 from .._answer import NOTE, tables, things_to_know
 from .._units import noise_units, si_unit
+from ..budget._result import GROUPS
 from ..export._formats import FORMATS
 from . import _options as opt
 from ._advice import not_a_calibration
 from ._export import FILES, motion_of
-from ._outputs import staged
+from ._outputs import File, outputs, save_json, staged
 from ._screen import Screen, show_written
 
 _FILTERS = Literal[tuple(name for name, one in FORMATS.items() if "random_walk" in one.options)]
 _WALK = 100.0  # s, means of the flicker over which a random walk drifts as much: the time in which a filter learns a bias
+
+
+@Parameter(name="*", group=opt.WRITING)
+@dataclass(frozen=True, kw_only=True)
+class BudgetWriting:
+    """Where results go. By default all go into the folder FILE-budget."""
+
+    out: opt.Out = None
+    json: opt.Json = None
+    report: opt.Report = None
 
 
 def budget(
@@ -31,10 +43,11 @@ def budget(
     aid: float | None = None,
     inclination: opt.Dip = 60.0,
     latitude: opt.Latitude | None = None,
+    temperature: float | None = None,
     error: tuple[str, ...] = (),
-    json: opt.Json = None,
-    report: opt.Report = None,
+    require: str | None = None,
     reading: opt.Reading = opt.Reading(),
+    writing: BudgetWriting = BudgetWriting(),
     running: opt.Running = opt.Running(),
 ) -> None:
     """Attitude, heading, velocity and position errors over time, by cause.
@@ -49,35 +62,55 @@ def budget(
         Time at rest before the start, in s: its mean is the gyroscope's bias, and the level. 0: both are known.
     aid
         Time constant in s with which accelerometer and magnetometer correct level and heading (an AHRS).
+    temperature
+        Temperature of the device in degC, for its thermal models; by default that to which they refer.
     error
-        A further error (standard deviation, SI), as gyro.scale=1e-3, accel.bias=0.02, gyro.delay=1e-3, mag.hard_iron=1e-6. Repeatable.
+        A further error (standard deviation, SI), as gyro.scale=1e-3, accel.bias=0.02, mag.hard_iron=1e-6, temperature=2. Repeatable.
+    require
+        Limit of an error at the end, as heading=1 or tilt=0.5 (deg), velocity=0.1, position=5: by what the causes may grow.
     """
     made = motion in ("rest", "circle", "hand")
-    try:
-        errors = {name: float(value) for name, _, value in (word.partition("=") for word in error)}
-    except ValueError:
-        raise opt.CallError(f"--error {' '.join(error)}: expected such as gyro.scale=1e-3", "error") from None
+    errors, limit = _numbers("error", error, "gyro.scale=1e-3"), _numbers("require", (require,) if require else (), "heading=1")
+    if set(limit) - set(GROUPS):
+        raise opt.CallError(f"--require {require}: expected one of {', '.join(GROUPS)}", "require")
     opt.must_exist(source, *([] if made else [Path(motion)]))
-    screen, targets = Screen(running.quiet), [path for path in (json, report) if path]
-    with staged(targets, inputs=[source], force=running.force) as places:
+    files: list[File] = [
+        ("report", "report.html", lambda *made: jaxcal.report.write(made[1], made[0], log=made[2], device=source.name, reader="terminal")),
+        ("json", "budget.json", save_json),
+    ]  # fmt: skip
+    screen, (targets, folder) = Screen(running.quiet), outputs(writing, files, f"{opt.stem(source)}-budget")
+    with staged(targets, inputs=[source], folder=folder, force=running.force) as places:
         log = None if not_a_calibration(source) is None else opt.read_log(source, reading, "noise")
         device = jaxcal.Calibration.load(source) if log is None else jaxcal.Calibration(noise=jaxcal.noise.characterise(log))
         moved = getattr(jaxcal.budget.Motion, motion)(duration) if made else motion_of(Path(motion), device)
         found = jaxcal.budget.propagate(
             device, moved, rest=rest, errors=errors, aid=aid, dip=math.radians(inclination),
-            latitude=None if latitude is None else math.radians(latitude),
+            latitude=None if latitude is None else math.radians(latitude), temperature=temperature,
         )  # fmt: skip
-        if json:
-            found.save(places[json], log)
-        if report:
-            jaxcal.report.write(found, places[report], log=log, device=source.name, reader="terminal")
+        for target, make in targets.items():
+            make(places[target], found, log)
     # how the log was read asks for no action: it stands in the report
     read = [one for one in (() if log is None else log.findings) if running.verbose or one.severity > NOTE]
     told = [*read, *found.findings]
     how: dict[str, Any] = {"reader": "terminal", "wanted": running.unit, "verbose": running.verbose}
     screen.lines(tables(found.verdict, found.headline, found.sections(), told, **how))
+    for name, value in limit.items():
+        inside = math.radians(value) if GROUPS[name][1] == "angle" else value
+        factors = jaxcal.budget.requirement(found, after=found.time[-1], **{name: inside})
+        causes = [cause for cause, _ in found.largest(name, found.time[-1])]
+        known = [one for one in ("all", "noise", "calibration", "turning", "record", *causes) if one in factors]
+        words = (f"{one} {'does not suffice' if math.isnan(factors[one][0]) else f'times {factors[one][0]:.3g}'}" for one in known)
+        screen.lines(["", f"{require} after {found.time[-1]:g} s, by one of: {', '.join(words)}"])
     screen.lines(things_to_know(told, more="-v", **how))
-    show_written(screen, targets)
+    show_written(screen, list(targets))
+
+
+def _numbers(option: str, words: tuple[str, ...], example: str) -> dict[str, float]:
+    """NAME=NUMBER, each as an entry."""
+    try:
+        return {name: float(value) for name, _, value in (word.partition("=") for word in words)}
+    except ValueError:
+        raise opt.CallError(f"--{option} {' '.join(words)}: expected such as {example}", option) from None
 
 
 def sheet(

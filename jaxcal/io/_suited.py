@@ -142,6 +142,10 @@ def _judged(log: Log) -> Iterator[tuple[str, bool, str, str]]:
     yield "noise", at_rest or bool(part), long, part
     for curve in ("allan", "psd"):
         yield curve, at_rest or bool(part), "the curve alone, as for noise", part
+    if gyro is not None and (at_rest or part):
+        yield "budget", True, "what its noise costs in heading, level and position", part
+    elif gyro is not None and accel is not None:
+        yield "budget calibration.json --motion", True, "what the errors of a calibrated sensor cost in this motion", ""
 
 
 def _seconds(values: AnyArray, rate: float) -> _Seconds | None:

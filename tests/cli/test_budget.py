@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 import jaxcal
-from jaxcal.budget import Motion, increments
+from jaxcal.budget import Motion, increments, requirement
 
 SHEET = "gyro: ARW 0.3 deg/sqrt(h), BI 2 deg/h; accel: VRW 0.1 m/s/sqrt(h), 60 ug"
 
@@ -45,6 +45,12 @@ def test_a_budget_of_a_calibration_and_of_a_log(call, folder, sheet, log):
     told = call("budget", log, "--motion", "hand", "--duration", 60, "--aid", 5)
     assert "velocity" not in told.out
     assert "No noise of the magnetometer" in told.out
+    assert {path.name for path in (folder / "imu-budget").iterdir()} == {"budget.json", "report.html"}
+    assert not (folder / "sheet-budget").exists()  # other files were named
+    told = call("budget", sheet, "--require", "heading=1", "--out", "b", "--rest", 60, "--error", "accel.bias=0.02")
+    factor = requirement(direct, after=3600.0, heading=np.deg2rad(1.0))["all"][0]
+    assert f"all times {factor:.3g}," in told.out
+    assert call("budget", sheet, "--require", "course=1").code == "require"
     assert call("budget", sheet, "--error", "gyro.scale").code == "error"
     assert call("budget", sheet, "--error", "gyro.colour=1").code == "no_error"
     assert call("budget", sheet, "--motion", "gone.csv").code == "not_there"

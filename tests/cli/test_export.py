@@ -68,6 +68,11 @@ def test_options_reach_the_writer(call, folder, device):
     assert "MakeSharedD" in (folder / "gtsam_imu.py").read_text()
     assert call("export", device, "--to", "c", "--prefix", "UNIT_").status == 0
     assert "UNIT_MAG_MATRIX" in (folder / "calibration.h").read_text()
+    for name, bias, day in (("old", 0.1, 1), ("new", 0.2, 11)):
+        Calibration(imu=accel(bias).imu, provenance={"date": f"2026-01-{day:02}"}).save(folder / f"{name}.json")
+    assert call("export", "new.json", "--to", "c", "--double", "--earlier", "old.json").status == 0
+    assert "static const double JAXCAL_ACCEL_BIAS_DAY[3] = {0.01, 0.0, 0.0};" in (folder / "calibration.h").read_text()
+    assert call("export", "old.json", "--to", "c", "--earlier", "new.json").code == "dates"
 
 
 def test_several_devices_and_ids(call, folder, device):

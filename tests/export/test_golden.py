@@ -61,16 +61,10 @@ def test_provenance_adds_comments_alone(golden, tmp_path, format, file):
     assert all(f"{mark} {one}" in added for one in found)
 
 
-def test_golden_files_of_imu_tk(golden, tmp_path):
+def test_golden_files_without_comments(golden, tmp_path):
     write(golden, tmp_path / "golden.calib", format="imu_tk")
     for name in ("golden_acc.calib", "golden_gyro.calib"):
         assert (tmp_path / name).read_bytes() == (GOLDEN / name).read_bytes()
-    write(Calibration(imu={"gyro": golden.imu.gyro}), tmp_path / "other", format="imu_tk")
-    assert (tmp_path / "other_gyro.calib").exists()
-    assert not (tmp_path / "other_acc.calib").exists()
-
-
-def test_golden_packet_of_motioncal(golden, tmp_path):
     write(golden, tmp_path / "a.bin", format="motioncal")
     assert (tmp_path / "a.bin").read_bytes() == bytes.fromhex((GOLDEN / "motioncal.hex").read_text())
 

@@ -112,15 +112,10 @@ def test_terms_that_are_there_and_not_written_are_mentioned(golden, path):
     assert {one.subject: one.facts for one in found if one.code == "terms_left_out"}["gyro",]["terms"] == "ramp R, Gauss-Markov"
 
 
-@pytest.mark.parametrize("topic", ["/imu0", "/camera/imu_raw", "imu0", "null", "~imu"])
-def test_topics_reach_the_reader(golden, path, topic):
-    write(golden, path, topic=topic)
-    assert yaml.safe_load(path.read_text())["rostopic"] == topic
-
-
 @pytest.mark.parametrize("value", [4e-6, 200.0, 0.0021, 1e-300, 123456789.0, 1.5e16, 1 / 3, 100, 1e9, 3.3e-5])
 def test_number_text_is_a_yaml_float_exact_for_float32(golden, path, value):
-    write(golden, path, rate=value)
+    write(golden, path, rate=value, topic="null")
+    assert yaml.safe_load(path.read_text())["rostopic"] == "null"
     found = yaml.safe_load(path.read_text())["update_rate"]
     assert isinstance(found, float)
     assert math.isclose(found, value, rel_tol=1e-8)

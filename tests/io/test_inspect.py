@@ -57,7 +57,7 @@ def test_commands_that_suit(tmp_path):
     time = np.arange(9000) / 100
     still = np.array([0.0, 0.0, G]) + 0.01 * noise.normal(size=(9000, 3))
     np.savez(tmp_path / "rest.npz", time=time, gyro=0.001 * noise.normal(size=(9000, 3)), accel=still, units="SI")
-    assert suits(jaxcal.io.inspect(tmp_path / "rest.npz")) == ["noise", "allan", "psd"]
+    assert suits(jaxcal.io.inspect(tmp_path / "rest.npz")) == ["noise", "allan", "psd", "budget"]
     # ten attitudes over the whole sphere, three seconds each
     k = np.arange(10) + 0.5
     down = np.stack([np.sqrt(1 - (1 - k / 5) ** 2) * np.cos(2.4 * k), np.sqrt(1 - (1 - k / 5) ** 2) * np.sin(2.4 * k), 1 - k / 5], axis=1)
@@ -74,7 +74,8 @@ def test_motion_by_hand_and_turntables_have_their_commands(tmp_path):
     found = jaxcal.io.inspect(tmp_path / "hand.npz")
     assert suits(found)[:2] == ["device", "mag"]
     assert found.commands[0].line == f"jaxcal device {tmp_path / 'hand.npz'}"
-    assert len({one.command for one in found.commands}) == 9
+    assert suits(found)[-1] == "budget calibration.json --motion"
+    assert len({one.command for one in found.commands}) == 10
     # rests of 10 s on a level table, and turns of 3 s at 30 deg/s between them
     noise, rate = np.random.default_rng(0), np.tile(np.repeat([0.0, np.deg2rad(30.0)], [1000, 300]), 4)
     time, level = np.arange(len(rate)) / 100, np.array([0.0, 0.0, G])
