@@ -17,11 +17,14 @@ def lead(found: Budget) -> str:
 
 def figures(found: Budget, _: Any) -> tuple[list[Any], list[Any]]:
     """A chart of each error with its largest causes."""
-    drawn = []
+    drawn, color = [], {"all": 0}  # a cause has one colour in all charts
     sections: list[Any] = found.sections()
     for group, _, curves in sections[-len(found.groups) :]:
         _, quantity, label = GROUPS[group]
-        names = ["all", *(cause for cause, _ in found.largest(group, found.time[-1]))]
-        lines = [Curve(name, "line", found.time, curves[name][1], color=i, label=name) for i, name in enumerate(names)]
-        drawn.append(Chart(group, label[0].upper() + label[1:], "Standard deviation.", "Time (s)", label, [shown_in(quantity)], lines))
+        # the largest cause of every time in the table, and the largest at the end
+        causes = [found.largest(group, found.time[place])[: None if place == found.shown[-1] else 1] for place in found.shown[::-1]]
+        names = ["all", *dict.fromkeys(cause for each in causes for cause, _ in each)]
+        lines = [Curve(name, "line", found.time, curves[name][1], color=color.setdefault(name, len(color)), label=name) for name in names]
+        title = label[0].upper() + label[1:]
+        drawn.append(Chart(group, title, "Standard deviation.", "Time (s)", label, [shown_in(quantity)], lines, log=True))
     return [charts(drawn[:2])], [charts(drawn[2:])] if drawn[2:] else []

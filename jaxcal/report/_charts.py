@@ -7,7 +7,7 @@ import numpy as np
 
 from ._explore import short
 from ._html import Markup, data, tag
-from ._svg import Mark, figure, linear_axis
+from ._svg import Mark, figure, linear_axis, log_axis
 
 
 class Curve(NamedTuple):
@@ -30,7 +30,10 @@ class Curve(NamedTuple):
 
 
 class Chart(NamedTuple):
-    """Curves over one abscissa; `units` are (label, size) to choose from, the default first; `marks` are abscissas of vertical lines."""
+    """Curves over one abscissa; `units` are (label, size) to choose from, the default first; `marks` are abscissas of vertical lines.
+
+    `log` makes both axes logarithmic.
+    """
 
     prefix: str
     title: str
@@ -40,6 +43,7 @@ class Chart(NamedTuple):
     units: Sequence[tuple[str, float]]
     curves: Sequence[Curve]
     marks: Sequence[float] = ()
+    log: bool = False
 
 
 def charts(found: Sequence[Chart]) -> Markup:
@@ -55,15 +59,16 @@ def _data(chart: Chart) -> dict[str, Any]:
         held |= {name: None if values is None else short(values, 5) for name, values in (("low", one.low), ("high", one.high))}
         curves.append(held)
     return {"title": chart.title, "about": chart.about, "x": chart.x, "y": chart.y, "units": [list(unit) for unit in chart.units],
-            "curves": curves, "marks": short(chart.marks, 6)}  # fmt: skip
+            "curves": curves, "marks": short(chart.marks, 6), "log": chart.log}  # fmt: skip
 
 
 def _static(chart: Chart) -> Markup:
     unit, size = chart.units[0]
     marks: list[Mark] = []
     values = [np.asarray(part, dtype=float) / size for one in chart.curves for part in (one.y, one.low, one.high) if part is not None]
-    x = linear_axis(chart.x, [one.x for one in chart.curves], 0.02)
-    y = linear_axis(f"{chart.y} ({unit})" if unit else chart.y, values)
+    axis, pad = (log_axis, 1.1) if chart.log else (linear_axis, 0.02)
+    x = axis(chart.x, [one.x for one in chart.curves], pad)
+    y = axis(f"{chart.y} ({unit})" if unit else chart.y, values)
     for place in chart.marks:
         marks.append(Mark("line", [place, place], [y.low, y.high], "ink", look="thin dashed"))
     for one in chart.curves:

@@ -83,7 +83,7 @@ def figure(prefix: str, title: str, about: str, x: Axis, y: Axis, marks: Sequenc
     svg = tag(
         "svg", *parts, viewBox=f"0 0 {_WIDTH} {_HEIGHT}", role="img", aria_labelledby=f"{prefix}-title", aria_describedby=f"{prefix}-desc"
     )  # fmt: skip
-    key = [tag("span", tag("i", "", class_=f"c{i % 6}"), f" {name}") for i, name in enumerate(names)]
+    key = [tag("span", tag("i", "", class_=f"c{i % 6}"), f" {name}") for i, name in enumerate(names) if name]
     heading = tag("p", tag("b", title), *(piece for one in key for piece in (" ", one)), class_="key")
     return tag("figure", heading, tag("div", svg, class_="scroll", tabindex="0", role="region", aria_label=title),
                tag("figcaption", about), class_="drawn")  # fmt: skip

@@ -1,12 +1,13 @@
 // Charts of a few curves: draws those of each group from the JSON beside them, with uPlot.
 (() => {
   "use strict";
-  const { dark, color, make, number, tick, nearest } = jaxcal, charts = [];
+  const { dark, color, make, number, tick, decades, nearest } = jaxcal, charts = [];
 
   class Chart {
     constructor(data, where) {
       this.data = data;
       this.unit = data.units[0];
+      [this.to, this.from] = data.log ? [Math.log10, (v) => 10 ** v] : [(v) => v, (v) => v];
       this.shown = new Set(data.curves.map((_, i) => i));
       this.names = [...new Set(data.curves.map((c) => c.name))];
       this.readout = make("p", { class: "readout small" });
@@ -42,16 +43,16 @@
       return bar;
     }
     size() { return { width: this.host.clientWidth || 320, height: Math.round(Math.min(Math.max((this.host.clientWidth || 320) * 0.5, 240), 360)) }; }
-    scaled(values) { return values && values.map((v) => (v === null ? null : v / this.unit[1])); }
+    scaled(values) { return values && values.map((v) => (v === null || (this.data.log && v <= 0) ? null : v / this.unit[1])); }
     label() { return this.unit[0] ? `${this.data.y} (${this.unit[0]})` : this.data.y; }
     make() {
       if (this.plot) this.plot.destroy();
       const ink = color("ink"), grid = color("grid"), font = "12px system-ui, sans-serif";
-      const axis = (label) => ({ label, stroke: ink, font, labelFont: font, labelSize: 18, grid: { stroke: grid, width: 1 }, ticks: { stroke: grid, width: 1, size: 4 }, values: (u, splits) => splits.map((v) => tick(v)) });
+      const axis = (label) => ({ label, ...(this.data.log ? { splits: decades, filter: (u, splits) => splits } : {}), stroke: ink, font, labelFont: font, labelSize: 18, grid: { stroke: grid, width: 1 }, ticks: { stroke: grid, width: 1, size: 4 }, values: (u, splits) => splits.map((v) => tick(v)) });
       const counted = this.data.curves.every((curve) => curve.x.every(Number.isInteger)); // no half poses among the ticks
       this.plot = new uPlot({
         ...this.size(), padding: [10, 20, 0, 0], legend: { show: false },
-        scales: { x: { time: false, range: (u, low, high) => [low, high] }, y: { auto: false, range: (u, low, high) => [low, high] } },
+        scales: Object.fromEntries(["x", "y"].map((name) => [name, { time: false, auto: name === "x", distr: this.data.log ? 3 : 1, range: (u, low, high) => [low, high] }])),
         axes: [{ ...axis(this.data.x), space: 45, size: 34, ...(counted ? { incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000] } : {}) }, { ...axis(this.label()), size: 66, space: 28 }],
         series: [{}, { show: true, paths: () => null, points: { show: false } }],
         cursor: { drag: { x: true, y: false, uni: 8 }, points: { show: false } },
@@ -66,16 +67,17 @@
     }
     visible() { return this.data.curves.filter((_, i) => this.shown.has(i)); }
     ends() {
-      const xs = this.data.curves.flatMap((c) => c.x), low = Math.min(...xs), high = Math.max(...xs), room = (high - low || 1) * 0.02;
-      return [low - room, high + room];
+      const xs = this.data.curves.flatMap((c) => c.x).map(this.to), low = Math.min(...xs), high = Math.max(...xs), room = (high - low || 1) * 0.02;
+      return [this.from(low - room), this.from(high + room)];
     }
     reach() {
       const [min, max] = this.window;
       const seen = this.visible().flatMap((c) => c.x.flatMap((x, i) => (x >= min && x <= max ? [c.y[i], ...(c.low ? [c.low[i], c.high[i]] : [])] : [])));
-      const ys = this.scaled(seen.filter((v) => v !== null));
-      if (!ys.length) return [-1, 1];
-      const low = Math.min(...ys), high = Math.max(...ys), room = (high - low || Math.abs(high) || 1) * 0.06;
-      return [low - room, high + room];
+      const ys = this.scaled(seen.filter((v) => v !== null)).filter((v) => v !== null).map(this.to);
+      if (!ys.length) return this.data.log ? [0.1, 10] : [-1, 1];
+      const high = Math.max(...ys), low = Math.max(Math.min(...ys), this.data.log ? high - 8 : -Infinity); // no more than eight decades
+      const room = (high - low || Math.abs(high) || 1) * 0.06;
+      return [this.from(low - room), this.from(high + room)];
     }
     draw() {
       this.plot.axes[1].label = this.label();
@@ -86,7 +88,7 @@
       const [low, high] = this.ends();
       let [a, b] = range || [low, high];
       [a, b] = [Math.max(a, low), Math.min(b, high)];
-      if (b - a < (high - low) / 500) return;
+      if (this.to(b) - this.to(a) < (this.to(high) - this.to(low)) / 500) return;
       this.window = [a, b];
       const [bottom, top] = this.reach();
       this.plot.batch(() => {
@@ -98,8 +100,8 @@
     }
     by(factor) {
       const { min, max } = this.plot.scales.x, left = this.plot.cursor.left;
-      const middle = left >= 0 ? this.plot.posToVal(left, "x") : (min + max) / 2;
-      this.zoom([middle - (middle - min) * factor, middle + (max - middle) * factor]);
+      const [a, b] = [min, max].map(this.to), middle = left >= 0 ? this.to(this.plot.posToVal(left, "x")) : (a + b) / 2;
+      this.zoom([this.from(middle - (middle - a) * factor), this.from(middle + (b - middle) * factor)]);
     }
     key(event) {
       const u = this.plot, step = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
