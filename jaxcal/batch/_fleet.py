@@ -308,6 +308,19 @@ def _along(done: Sequence[Entry]) -> dict[str, np.ndarray]:
     return found
 
 
+def _curves(done: Sequence[Entry]) -> dict[str, dict[int, tuple[list[float], list[float]]]]:
+    """Channel -> number of the log -> cluster times and deviations, of results that have them."""
+    found: dict[str, dict[int, tuple[list[float], list[float]]]] = {}
+    for number, entry in enumerate(done):
+        result = entry.document["result"]
+        channels = result.get("channels", result) if isinstance(result, dict) else {}
+        for channel, one in channels.items():
+            curve = one.get("deviation", one) if isinstance(one, dict) else None
+            if isinstance(curve, dict) and "tau" in curve:
+                found.setdefault(channel, {})[number] = curve["tau"], curve["deviation"]
+    return found
+
+
 def overview(fleet: Fleet, identity: dict[str, Any]) -> dict[str, Any]:
     """The data of the overview page."""
     said: dict[str, list[str]] = {}
@@ -317,6 +330,7 @@ def overview(fleet: Fleet, identity: dict[str, Any]) -> dict[str, Any]:
     return {
         "task": identity, "logs": len(fleet), "names": [entry.name for entry in fleet.done],
         "dates": [entry.date for entry in fleet.done], "failed": [(entry.name, entry.reason) for entry in fleet.failed],
-        "warnings": sorted(said.items(), key=lambda item: -len(item[1])),
+        "files": [None if entry.file is None else f"{entry.file.parent.name}/{entry.file.name}" for entry in fleet.done],
+        "curves": _curves(fleet.done), "warnings": sorted(said.items(), key=lambda item: -len(item[1])),
         "spread": {name: dataclasses.asdict(one) for name, one in fleet.spread.items()},
     }  # fmt: skip

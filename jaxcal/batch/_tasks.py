@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from .._answer import Finding, Number, Result, Results, ordered, plain
+from .._answer import Finding, Grid, Number, Result, Results, numbers_of, ordered, plain
 from .._errors import DataError, UnitError
 from .._log import Log
 from .._message import Message
@@ -101,9 +101,10 @@ def check_task(task: Any, options: dict[str, Any]) -> None:
 
 
 def answer_of(result: Any, log: Log) -> Answer:
-    """The document of a result, all its numbers but those that an option or convention holds, and its findings.
+    """The document of a result, its numbers, and its findings.
 
-    A new field of a model, a new number or a new finding needs nothing here.
+    Numbers that an option or convention holds are left out, and so are details without an interval: they describe the log, not the
+    device, such as the length of record that a coefficient needs. A new field of a model, a new number or a new finding needs nothing here.
 
     Raises
     ------
@@ -112,7 +113,10 @@ def answer_of(result: Any, log: Log) -> Answer:
     """
     if result.verdict == "refused":
         raise DataError(f"the result is refused. {result.reason}", code="refused")
-    numbers = {name: one for name, one in result.numbers.items() if one.state != "held"}
+    details = numbers_of(one for one in result.sections() if isinstance(one, Grid) and one.detail)
+    numbers = {
+        name: one for name, one in result.numbers.items() if one.state != "held" and (name not in details or one.low < one.high)
+    }  # fmt: skip
     # a limit has no value of its own
     found = {name: one._replace(value=math.nan) if one.state == "limit" else one for name, one in numbers.items()}
     return result.to_dict(log), found, list(result.findings)

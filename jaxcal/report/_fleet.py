@@ -11,8 +11,9 @@ from .._answer._html import each
 from .._files import write_atomically
 from ..plot._style import number_label, unit_label
 from ._charts import Chart, Curve, charts
-from ._html import LISTED, PANELS, Markup, definitions, join, scroll, section, table, tag
+from ._html import LISTED, MOST, PANELS, Markup, definitions, join, scroll, section, table, tag
 from ._page import page
+from ._svg import Mark, figure, log_axis
 
 _LINEAR, _HALF = 5.0, 80.0  # distance up to which a row of points is linear, and half its width
 _MEANING = (
@@ -40,7 +41,8 @@ def write_fleet(fleet: dict[str, Any], path: str | os.PathLike[str]) -> None:
     Parameters
     ----------
     fleet : `task` (name, options, reading, jaxcal), `logs` (number of logs), `names` and `dates` of the logs with a result, `failed`
-        (pairs of name and reason), `warnings` (pairs of sentence and names), and `spread` (name -> the fields of `jaxcal.batch.Spread`).
+        (pairs of name and reason), `files` (addresses of the results), `curves` (channel -> number of the log -> times and deviations),
+        `warnings` (pairs of sentence and names), and `spread` (name -> the fields of `jaxcal.batch.Spread`).
     path : file to write; an existing file is replaced atomically.
 
     Raises
@@ -53,7 +55,7 @@ def write_fleet(fleet: dict[str, Any], path: str | os.PathLike[str]) -> None:
     lead = f"{fleet['logs']} log{'s' * (fleet['logs'] != 1)}, {done} answered, {len(fleet['failed'])} not"
     failed = table(("Log", "Reason"), fleet["failed"]) if fleet["failed"] else tag("p", "None.")
     body = (
-        _verdict(fleet), _spread(fleet), _outliers(fleet), _trends(fleet),
+        _verdict(fleet), _curves(fleet), _spread(fleet), _outliers(fleet), _trends(fleet),
         section("Logs without an answer", "failed", failed),
         _warnings(fleet), section("What the words mean", "meaning", definitions(_MEANING)),
         section("Provenance", "provenance", definitions((key, str(value)) for key, value in fleet["task"].items() if value)),
@@ -84,6 +86,30 @@ def _verdict(fleet: dict[str, Any]) -> Markup:
     return section("Verdict", "verdict", tag("ul", each("li", lines)))
 
 
+def _curves(fleet: dict[str, Any]) -> Markup:
+    """The curves of all logs over one another; the one under the pointer stands out in every figure and leads to its result."""
+    if not fleet["curves"]:
+        return Markup("")
+    odd = {outlier["name"] for one in fleet["spread"].values() for outlier in one["outliers"]}
+    figures = []
+    for channel, curves in list(fleet["curves"].items())[:PANELS]:
+        units = [one["unit"] for name, one in fleet["spread"].items() if name.startswith(f"{channel}.") and "dev" in name]
+        x, y = (
+            log_axis(label, [one[i] for one in curves.values()])
+            for i, label in enumerate(("cluster time (s)", f"deviation ({unit_label(units[0])})"))
+        )
+        lines = [
+            Mark("line", *curve, int(fleet["names"][i] in odd), look="thin", log=fleet["names"][i], link=fleet["files"][i])
+            for i, curve in curves.items()
+        ]  # fmt: skip
+        about = f"{len(lines)} logs; those in orange have an outlier."
+        figures.append(figure(f"curves-{channel}", channel, about, x, y, lines))
+    names = [tag("option", name, value=name) for name in fleet["names"]]
+    choice = tag("select", tag("option", "none", value=""), *names, id="log")
+    brush = tag("p", tag("label", "Log ", choice), " ", tag("a", "its result", id="result", hidden=""), id="brush")
+    return section("Curves", "curves", brush, tag("div", *figures, class_="main"))
+
+
 def _spread(fleet: dict[str, Any]) -> Markup:
     shown = {name: one for name, one in fleet["spread"].items() if one["count"]}
     if not shown:
@@ -102,7 +128,7 @@ def _spread(fleet: dict[str, Any]) -> Markup:
         (name, _strip(one, reach) if name in drawn else "", unit_label(one["unit"]), one["count"],
          *(_shown(one[key]) for key in ("median", "low", "high", "sigma", "own")), len(one["outliers"])) for name, one in shown.items()
     ]  # fmt: skip
-    return section("Spread", "spread", tag("p", caption), scroll(table(columns, rows), "Spread of every coefficient", "numbers"))
+    return section("Spread", "spread", tag("p", caption), scroll(table(columns, rows), "Spread of every coefficient", "scroll numbers"))
 
 
 def _shown(value: float) -> str:
@@ -112,15 +138,16 @@ def _shown(value: float) -> str:
 
 
 def _outliers(fleet: dict[str, Any]) -> Markup:
+    files = dict(zip(fleet["names"], fleet["files"], strict=True))
     by_log: dict[str, list[dict[str, Any]]] = {}
     for one in fleet["spread"].values():
         for outlier in one["outliers"]:
             by_log.setdefault(outlier["path"], []).append(outlier)
     worst = sorted(by_log.values(), key=lambda found: -max(abs(outlier["score"]) for outlier in found))
-    items = [
-        tag("li", tag("b", found[0]["name"]), tag("ul", each("li", (o["reason"] for o in sorted(found, key=lambda o: -abs(o["score"]))))))
-        for found in worst[:LISTED]
-    ]  # fmt: skip
+    items = []
+    for found in worst[:LISTED]:
+        reasons = each("li", (o["reason"] for o in sorted(found, key=lambda o: -abs(o["score"]))))
+        items.append(tag("li", tag("a", found[0]["name"], href=files[found[0]["name"]]), tag("ul", reasons)))
     if len(worst) > LISTED:
         items.append(tag("li", f"and {len(worst) - LISTED} more"))
     return section("Outliers", "outliers", tag("ul", *items) if items else tag("p", "None."))
@@ -157,7 +184,8 @@ def _strip(one: dict[str, Any], reach: float) -> Markup:
     height = np.random.default_rng(0).uniform(3.0, 15.0, len(score))  # so that the points do not overlap
     limits = [limit for limit in (-one["limit"], 0.0, one["limit"]) if abs(limit) <= reach]
     lines = [tag("path", d=f"M{at:.1f} 0V18", class_="grid" if at == _HALF else "grid thin dashed") for at in across(np.array(limits))]
-    for there, look in ((known & ~odd, "dots small faint c0"), (known & odd, "dots c1")):
+    size = "small " if len(score) > MOST // 4 else ""  # few points are large enough to be seen one by one
+    for there, look in ((known & ~odd, f"dots {size}faint c0"), (known & odd, "dots c1")):
         points = "".join(f"M{x:.1f} {y:.1f}h0" for x, y in zip(across(score[there]), height[there], strict=True))
         lines.append(tag("path", d=points, class_=look))
     label = f"{int(known.sum())} logs, {int(odd.sum())} outliers"

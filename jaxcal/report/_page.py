@@ -103,6 +103,7 @@ dd { margin: 0; }
 .scroll svg.strip { width: 12rem; min-width: 12rem; height: 1.35rem; }
 .drawn .scroll svg { min-width: 0; max-width: 42rem; }
 .drawn .grid { stroke: var(--grid); stroke-width: 1; } .drawn .frame { stroke: var(--muted); stroke-width: 1; }
+.drawn a path { pointer-events: stroke; } .drawn .chosen path { stroke: var(--series-2); stroke-width: 4; }
 .drawn .dots { stroke-width: 5.5; stroke-linecap: round; } .drawn .faint { stroke-opacity: .45; }
 .drawn .small { stroke-width: 3; } .drawn .large { stroke-width: 11; }
 .drawn .thin { stroke-width: 1; } .drawn .dashed { stroke-dasharray: 5 4; stroke-width: 1.3; }
@@ -143,6 +144,7 @@ footer { color: var(--muted); font-size: .875rem; padding-bottom: 2rem; }
   header, main, footer { max-width: none; padding: 0; }
   figure, table, li, dd { break-inside: avoid; }
   nav, .numbers, #tools, details:has(> .numbers, > pre, > summary > #tools, > summary > #meaning, > summary > #details) { display: none; }
+  section > .numbers { display: block; max-height: none; }
   ul:has(+ .every), .exact { display: none !important; }
   .main, .live > .static { display: grid; grid-template-columns: 1fr 1fr; gap: 0 1rem; }
   figure { margin: .5rem 0; }
@@ -164,6 +166,8 @@ def page(title: str, lead: str, body: Markup, footer: str, facts: Iterable[tuple
         scripts = [_asset("sphere.js")]
     if 'id="live"' in body:
         scripts += [_asset("live.js")]
+    if 'id="brush"' in body:
+        scripts += [_asset("fleet.js")]
     drawn = [script for name, script in (("explore", "explore.js"), ("charts", "charts.js")) if f'class="{name}"' in body]
     if drawn:
         style = _asset("uPlot.min.css") + style

@@ -47,7 +47,10 @@ class Axis(NamedTuple):
 
 
 class Mark(NamedTuple):
-    """Something to draw: a "line", "dots", or a "band" between y and `top`; `color` is a number, or the name of a CSS class."""
+    """Something to draw: a "line", "dots", or a "band" between y and `top`; `color` is a number, or the name of a CSS class.
+
+    `log` is the name of the log that it belongs to, and `link` the address of its result.
+    """
 
     kind: str
     x: Any
@@ -55,6 +58,8 @@ class Mark(NamedTuple):
     color: int | str = 0
     top: Any = None
     look: str = ""
+    log: str = ""
+    link: str | None = None
 
 
 def log_axis(label: str, values: Iterable[Any], pad: float = 1.3) -> Axis:
@@ -143,7 +148,8 @@ def _drawn(x: Axis, y: Axis, mark: Mark) -> Markup:
         return tag("path", d=_path([*there, *back[::-1]]) + "Z", class_=f"band {mark.look} {color}".replace("  ", " "))
     pieces = np.split(np.arange(len(across)), np.flatnonzero(~known))
     runs = [[(across[i], up[i]) for i in piece if known[i]] for piece in pieces]
-    return tag("path", d="".join(_path(run) for run in runs if len(run) > 1), class_=f"line {mark.look} {color}".replace("  ", " "))
+    line = tag("path", d="".join(_path(run) for run in runs if len(run) > 1), class_=f"line {mark.look} {color}".replace("  ", " "))
+    return tag("a", tag("title", mark.log), line, href=mark.link, data_log=mark.log) if mark.log else line
 
 
 def _path(points: Sequence[tuple[Any, Any]]) -> str:
