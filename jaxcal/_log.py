@@ -101,18 +101,10 @@ class Log(eqx.Module):
     provenance: dict[str, Any]
 
     def __init__(
-        self,
-        time: Samples | None,
-        gyro: Samples | None = None,
-        accel: Samples | None = None,
-        mag: Samples | None = None,
-        temperature: Samples | None = None,
-        rate: float | int | None = None,
-        *,
-        own_time: Mapping[str, Any] | None = None,
-        findings: Iterable[Finding] = (),
-        provenance: Mapping[str, Any] | None = None,
-    ):
+        self, time: Samples | None, gyro: Samples | None = None, accel: Samples | None = None, mag: Samples | None = None,
+        temperature: Samples | None = None, rate: float | int | None = None, *, own_time: Mapping[str, Any] | None = None,
+        findings: Iterable[Finding] = (), provenance: Mapping[str, Any] | None = None,
+    ):  # fmt: skip
         found, provenance = list(findings), dict(provenance or {})
         given = {"gyro": gyro, "accel": accel, "mag": mag, "temperature": temperature}
         sensors = {name: _columns(name, values) for name, values in given.items() if values is not None}
