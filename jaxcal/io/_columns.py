@@ -29,27 +29,15 @@ def parse_columns(given: Mapping[str, Any] | str | None) -> Columns:
     Examples
     --------
     >>> from jaxcal.io._columns import parse_columns
-    >>> parse_columns("time=0,gyro=1:3,accel_x=ax,accel_y=ay,accel_z=az")
+    >>> parse_columns("time=0,gyro=1:3,accel=ax,ay,az")
     {'time': [0], 'gyro': ['1:3'], 'accel': ['ax', 'ay', 'az']}
     """
     found: Columns = {}
-    axes: dict[str, dict[str, int | str]] = {}
     for name, value in pairs(given, "columns").items():
-        values = None if value in (None, "none", "None") else [_column(v) for v in (value if isinstance(value, list | tuple) else [value])]
-        sensor, _, axis = name.rpartition("_")
-        if sensor in SENSORS and axis in AXES:
-            if values is None or len(values) != 1:
-                raise wrong("columns", f"{name} is one column, but got {value!r}")
-            axes.setdefault(sensor, {})[axis] = values[0]
-        elif name in quantities():
-            found[name] = values
-        else:
-            raise wrong("columns", f"unknown quantity {name!r}; use {', '.join(quantities())}, or one axis as in gyro_x")
-    for sensor, columns in axes.items():
-        wanted = AXES[: len(columns)]
-        if set(columns) != set(wanted):
-            raise wrong("columns", f"{sensor} has only {', '.join(sorted(columns))}; give x, or x and y, or all three axes")
-        found[sensor] = [columns[axis] for axis in wanted]
+        if name not in quantities():
+            raise wrong("columns", f"unknown quantity {name!r}; use {', '.join(quantities())}")
+        values = value if isinstance(value, list | tuple) else [value]
+        found[name] = None if value in (None, "none", "None") else [_column(one) for one in values]
     return found
 
 

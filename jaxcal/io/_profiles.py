@@ -37,19 +37,14 @@ class Profile:
 
 
 def _sensor_logger(file: str, kind: str, unit: str | None, sign: str = "") -> Profile:
-    return Profile(
-        f"Sensor Logger, {file}", ("time", "seconds_elapsed", "x", "y", "z"), ((_XYZ, kind, unit), ("seconds_elapsed", "time", "s")),
-        file=rf"{file}(?:[ _(-]?\d.*)?", sign=sign,
-    )  # fmt: skip
+    needs, columns = ("time", "seconds_elapsed", "x", "y", "z"), ((_XYZ, kind, unit), ("seconds_elapsed", "time", "s"))
+    return Profile("Sensor Logger", needs, columns, file=rf"{file}(?:Uncalibrated)?(?:[ _(-]?\d.*)?", sign=sign)
 
 
 _IPHONE = "an iPhone states acceleration with gravity as -1 g on the axis that points up, the opposite of specific force"
 PROFILES = (
-    _sensor_logger("Accelerometer", "linear", "m/s^2"),
-    _sensor_logger("AccelerometerUncalibrated", "accel", None, _IPHONE),
-    _sensor_logger("Gravity", "gravity", None),
-    *(_sensor_logger(f"Gyroscope{kind}", "gyro", "rad/s") for kind in ("", "Uncalibrated")),
-    *(_sensor_logger(f"Magnetometer{kind}", "mag", "uT") for kind in ("", "Uncalibrated")),
+    _sensor_logger("AccelerometerUncalibrated", "accel", None, _IPHONE), _sensor_logger("Gyroscope", "gyro", "rad/s"),
+    _sensor_logger("Magnetometer", "mag", "uT"), _sensor_logger("Accelerometer", "linear", "m/s^2"),
     Profile(
         "MicroStrain", (rf"{_XYZ} (?:accel|gyro) \[x800[45]\]",),
         ((rf"{_XYZ} accel \[x8004\]", "accel", "g"), (rf"{_XYZ} gyro \[x8005\]", "gyro", "rad/s"), (rf"{_XYZ} mag \[x8006\]", "mag", "G"),
@@ -90,10 +85,6 @@ PROFILES = (
          (r"gyrounfilt\[([012])\].*", "gyro", "deg/s"),
          (r"magadc\[([012])\].*", "mag", None), (r"time(?: \(us\))?", "time", "us")),
         unit_from=(("accel", r"acc_1G\W+(\d+)", "g", True),),
-    ),
-    Profile(
-        "Kalibr", ("timestamp", "omega_x", "alpha_x"),
-        ((rf"omega_{_XYZ}", "gyro", "rad/s"), (rf"alpha_{_XYZ}", "accel", "m/s^2"), ("timestamp", "time", None)),
     ),
     Profile(
         "ROS", (r".*angular_velocity[._/]x", r".*(?:header|covariance|frame_id|__time|%time).*"),

@@ -69,7 +69,7 @@ def read(
         with its `rate`; `columns` and `units` work as for a file. A `Log` is returned unchanged.
     format : "csv", "json", "xlsx", "npy", "npz", "parquet", "rosbag1", "rosbag2", "mat", "hdf5", "tdms", "ulog" or "dataflash"; the
         default is detected from the first bytes.
-    columns : columns of each quantity, by number (from 0) or name: ``{"time": 0, "gyro": [1, 2, 3]}``, ``{"gyro_x": "wx", ...}``,
+    columns : columns of each quantity, by number (from 0) or name: ``{"time": 0, "gyro": ["wx", "wy", "wz"]}``,
         or a string, ``"time=0,gyro=1:3"``, in which ``1:3`` means columns 1 to 3. Sensors that are not named are left out;
         ``{"time": None}`` ignores the time stamps (then give `rate`).
     units : unit of each quantity, ``{"gyro": "deg/s", "accel": "g", "time": "us"}`` or ``"gyro=deg/s,accel=g"``. A number before
@@ -112,10 +112,10 @@ def read(
     >>> print(log.findings[0])
     time: column 0 (time_s), s (from the name). If that is wrong: columns={'time': '0'} units={'time': 'ms'}.
     """
+    given: dict[str, Any] = {"columns": columns, "units": units, "rate": rate, "data": data, "missing": missing, "axes": axes}
     if not isinstance(path, str | os.PathLike):
-        return _in_memory(path, format or topics, asked(columns=columns, units=units, rate=rate, data=data, missing=missing, axes=axes))
-    given = {"format": format, "columns": columns, "units": units, "rate": rate, "topics": topics, "missing": missing, "axes": axes}
-    log = read_for(None, path, data=data, **given)
+        return _in_memory(path, format or topics, asked(**given))
+    log = read_for(None, path, format=format, topics=topics, **given)
     if not quiet:
         for one in log.findings:
             print(f"{'warning' if one.severity else 'note'}: {one}", file=sys.stderr)
@@ -243,11 +243,11 @@ def opened(path: pathlib.Path, given: Asked) -> Iterator[tuple[Table | Signals, 
             inside = {"inside": inner["file"]} if inner["file"] != folder.name else {}
             yield found, inner | {"file": shown(path), "size": size, "sha256": sha256} | inside
         return
-    tables = (*_TABLES, "sensors")
+    tabular = kind in (*_TABLES, *_TREES, "sensors")
     _belongs("topics", bool(topics) and kind in (*_TABLES, "sensors"), kind, "to recordings of messages; choose with {option.columns}")
-    _belongs("columns", bool(options["columns"]) and kind not in (*tables, *_TREES), kind, "to tables; choose with {option.topics}")
-    _belongs("missing", options["missing"] is not None and kind not in (*tables, *_TREES), kind, "to tables; leave it out")
-    _belongs("data", options["phase"] and kind not in (*tables, *_TREES), kind, "to tables; leave it out")
+    _belongs("columns", bool(options["columns"]) and not tabular, kind, "to tables; choose with {option.topics}")
+    for option, value in (("missing", options["missing"] is not None), ("data", options["phase"])):
+        _belongs(option, value and not tabular, kind, "to tables; leave it out")
     with faults(_NAMES[kind]), concurrent.futures.ThreadPoolExecutor(1) as pool:
         # hashing releases the interpreter lock, so it runs in parallel to the parsing
         digest = pool.submit(fingerprint, sources)

@@ -18,12 +18,12 @@ def test_no_layout_is_silently_wrong_and_nine_of_ten_are_right(numbers, tmp_path
     assert tally["right"] + tally["refused"] >= 0.9 * len(numbers), wrong
 
 
-@pytest.mark.parametrize("step", [8, pytest.param(1, marks=pytest.mark.long)])
+@pytest.mark.parametrize("step", [3, pytest.param(1, marks=pytest.mark.long)])
 def test_headers_after_public_habits_are_read_or_refused_with_a_way_out_that_works(step, tmp_path):
     spec = importlib.util.spec_from_file_location("columns", _PLACE)
     columns = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(columns)
-    found = [(out, case["name"], kind) for case, kind, out, _ in columns.outcomes(columns.CASES[3::step], tmp_path)]
+    found = [(out, case["name"], kind) for case, kind, out, _ in columns.outcomes(columns.CASES[::step], tmp_path)]
     tally = collections.Counter(out for out, *_ in found)
     assert [one for one in found if one[0] not in ("right", "refused", "refused, out works", "loud, mended")] == []
     assert tally["right"] + tally["refused"] >= 0.85 * len(found)

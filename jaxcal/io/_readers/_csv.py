@@ -5,7 +5,6 @@ A block with faulty rows is parsed again line by line, and the faults are counte
 
 import collections
 import dataclasses
-import itertools
 import os
 import pathlib
 import re
@@ -137,10 +136,11 @@ class Faults:
 
 @dataclasses.dataclass
 class Block:
-    """Columns of one block, its number of rows, and its faults."""
+    """Columns of one block, its numbers of rows and lines, and its faults."""
 
     columns: collections.deque[np.ndarray]
     rows: int
+    lines: int
     faults: Faults
 
 
@@ -148,25 +148,14 @@ def _parsed_ahead(layout: Layout, reads: Iterator[Callable[[], bytes]]) -> Itera
     """Parse the blocks from `reads` in order; some are parsed ahead."""
     import polars as pl
 
-    threads = os.cpu_count() or 1
-    first = list(itertools.islice(reads, 2))
-    if len(first) < 2:
-        for read in first:
-            yield _parse(pl, read, layout)
-        return
-    reads = itertools.chain(first, reads)
+    threads, ahead = os.cpu_count() or 1, collections.deque()
     with ThreadPoolExecutor(threads) as pool:
-        ahead = collections.deque()
-        try:
-            for read in reads:
-                ahead.append(pool.submit(_parse, pl, read, layout))
-                if len(ahead) > threads + 1:
-                    yield ahead.popleft().result()
-            while ahead:
+        for read in reads:
+            ahead.append(pool.submit(_parse, pl, read, layout))
+            if len(ahead) > threads + 1:
                 yield ahead.popleft().result()
-        finally:
-            for future in ahead:
-                future.cancel()
+        while ahead:
+            yield ahead.popleft().result()
 
 
 def _parse(pl: Any, read: Callable[[], bytes], layout: Layout) -> Block:
@@ -180,7 +169,7 @@ def _parse(pl: Any, read: Callable[[], bytes], layout: Layout) -> Block:
     columns = (
         _STAMPS[kind](frame.to_series(j)) if kind in _STAMPS else frame.to_series(j).to_numpy() for j, kind in enumerate(layout.kinds)
     )
-    return Block(collections.deque(columns), frame.height, faults or Faults(frame.height))
+    return Block(collections.deque(columns), frame.height, text.count(b"\n"), faults or Faults(frame.height))
 
 
 def _parsed(pl: Any, text: bytes, layout: Layout) -> Any:
@@ -216,9 +205,10 @@ def _fits(pl: Any, frame: Any, layout: Layout, text: bytes) -> bool:
 def gather(text: Text, layout: Layout, found: list[Finding]) -> list[np.ndarray]:
     """Read all rows into columns; the columns of numbers are the rows of one array."""
     blocks: list[Block] = []
-    faults, lines = Faults(), _Lines(text, layout)
-    for index, block in enumerate(_parsed_ahead(layout, text.blocks(text.start(layout.skip)))):
-        faults.add(block.faults, lines.before(index) if block.faults.found else 0)
+    faults, lines = Faults(), layout.skip
+    for block in _parsed_ahead(layout, text.blocks(text.start(layout.skip))):
+        faults.add(block.faults, lines)
+        lines += block.lines
         blocks.append(block)
     found.extend(faults.judged(layout))
     numeric = [kind in ("int", "float") for kind in layout.kinds]
@@ -227,19 +217,6 @@ def gather(text: Text, layout: Layout, found: list[Finding]) -> list[np.ndarray]
     return [
         np.concatenate([block.columns.popleft() for block in blocks] or [[]], out=next(numbers) if number else None) for number in numeric
     ]
-
-
-class _Lines:
-    """Counts the lines before a block, only when the block has a fault."""
-
-    def __init__(self, text: Text, layout: Layout) -> None:
-        self._reads, self._at, self._lines = text.blocks(text.start(layout.skip)), 0, layout.skip
-
-    def before(self, index: int) -> int:
-        while self._at < index:
-            self._lines += next(self._reads)().count(b"\n")
-            self._at += 1
-        return self._lines
 
 
 def _dates(column: Any) -> np.ndarray:

@@ -12,11 +12,10 @@ import re
 import numpy as np
 
 from ..._errors import DataError
-from ..._message import Message
 from .._findings import READ
 from .._table import Signals
 from ._bounds import BLOCK
-from ._streams import Part, first_of, gather, imus_of, join, named
+from ._streams import Part, first_of, gather, imus_of, join, lacks, named
 
 _HEAD = b"\xa3\x95"
 _FMT, _FMT_LENGTH = 128, 89
@@ -167,17 +166,12 @@ def degrees(log: DataFlash, form: str, rows: np.ndarray, field: str) -> np.ndarr
     return rows[field].astype(float) * (1e-7 if letter == "L" else 0.01 if letter in _HUNDREDTHS else 1.0)
 
 
-def _lacks(why: str) -> DataError:
-    """Error for records without the fields that are needed."""
-    return DataError(Message("{why}; choose other records with {option.topics}", why=why), code="fields")
-
-
 def stamps_of(rows: np.ndarray, label: str) -> np.ndarray:
     """Times of the samples, ns since boot."""
     names = rows.dtype.names or ()
     stamp = "SampleUS" if "SampleUS" in names and rows["SampleUS"].any() else next((one for one in _CLOCKS if one in names), "TimeUS")
     if stamp not in names or rows[stamp].dtype.kind not in "iu":
-        raise _lacks(f"{label} has no field {stamp} with whole numbers (it has {', '.join(names)})")
+        raise lacks(f"{label} has no field {stamp} with whole numbers (it has {', '.join(names)})")
     return rows[stamp].astype(np.int64) * _CLOCKS.get(stamp, 1000)
 
 
@@ -186,7 +180,7 @@ def _values(log: DataFlash, form: str, rows: np.ndarray, fields: list[str]) -> n
     letters = log.formats[form].letters
     wrong = [field for field in fields if field not in letters or rows[field].dtype.kind not in "iuf" or rows[field].ndim > 1]
     if wrong:
-        raise _lacks(f"{form} has no numbers in {', '.join(wrong)} (its fields are {', '.join(letters)})")
+        raise lacks(f"{form} has no numbers in {', '.join(wrong)} (its fields are {', '.join(letters)})")
     return np.stack([degrees(log, form, rows, field) for field in fields], axis=1)
 
 
@@ -195,7 +189,7 @@ def _batches(log: DataFlash, label: str, signals: Signals) -> Part:
     group, _, number = label.partition(":")
     kind, name, unit = _BATCHES[group]
     if not log.holds("ISBD", "N", "seqno", "x", "y", "z"):
-        raise _lacks("ISBD lacks N, seqno, x, y or z")
+        raise lacks("ISBD lacks N, seqno, x, y or z")
     everything, data = log.rows("ISBH"), log.rows("ISBD")
     # the 16-bit batch numbers repeat, so a record belongs to the last header before it
     before = np.searchsorted(log.formats["ISBH"].offsets, log.formats["ISBD"].offsets) - 1
@@ -218,7 +212,7 @@ def _batches(log: DataFlash, label: str, signals: Signals) -> Part:
         stamps.append(int(head["SampleUS"]) * 1000 + np.round(np.clip(order[keep] * (1e9 / rate), 0, 1e17)).astype(np.int64))
         values.append(block[keep] / float(head["mul"]))
     if not stamps:
-        raise _lacks(f"{label}: the batches hold no samples")
+        raise lacks(f"{label}: the batches hold no samples")
     signals.findings.append(READ("batches", label, count=len(stamps), rate=float(everything["smp_rate"][mine[0]]), cut=cut))
     return Part(name, label, np.concatenate(stamps), np.concatenate(values), unit)
 

@@ -7,10 +7,9 @@ import numpy as np
 
 from ..._answer import Finding
 from ..._errors import DataError
-from ..._message import Message
 from .._findings import READ
 from .._table import Signals
-from ._streams import Part, first_of, imus_of, join, named
+from ._streams import Part, first_of, imus_of, join, lacks, named
 from ._ulog import Topic, ULog
 
 #: topic -> its sensors
@@ -169,14 +168,14 @@ def _fifo(log: ULog, topic: Topic) -> list[Part]:
     scale = np.repeat(rows["scale"].astype(np.float64), samples)
     name = _ALL[topic.name][0]
     if not len(each):
-        raise _lacks(f"{topic.label} holds no samples")
+        raise lacks(f"{topic.label} holds no samples")
     return [Part(name, topic.label, each, counts * scale[:, None], _UNITS[name])]
 
 
 def _rows(log: ULog, topic: Topic, needed: list[str], optional: list[str]) -> dict[str, np.ndarray]:
     missing = [name for name in needed if name not in topic.fields]
     if missing:
-        raise _lacks(f"{topic.label} lacks {', '.join(missing)} (it has {', '.join(topic.fields)})")
+        raise lacks(f"{topic.label} lacks {', '.join(missing)} (it has {', '.join(topic.fields)})")
     rows = log.rows(topic, needed + optional)
     text = [name for name, column in rows.items() if column.dtype.kind not in "iuf"]
     if text:
@@ -184,17 +183,12 @@ def _rows(log: ULog, topic: Topic, needed: list[str], optional: list[str]) -> di
     return rows
 
 
-def _lacks(why: str) -> DataError:
-    """Error for a topic without the fields that are needed."""
-    return DataError(Message("{why}; choose other topics with {option.topics}", why=why), code="fields")
-
-
 def _stamps(rows: dict[str, np.ndarray], topic: Topic, findings: list[Finding]) -> np.ndarray:
     """Times of the samples, ns since boot."""
     if "timestamp_sample" in rows and rows["timestamp_sample"].any():
         return rows["timestamp_sample"].astype(np.int64) * 1000
     if "timestamp" not in rows:
-        raise _lacks(f"{topic.label} has no time stamps")
+        raise lacks(f"{topic.label} has no time stamps")
     findings.append(READ("logging_times", topic.label))
     return rows["timestamp"].astype(np.int64) * 1000
 

@@ -69,6 +69,11 @@ class SeveralError(DataError):
         self.imus = imus or []
 
 
+def lacks(why: str) -> DataError:
+    """Error for a topic or records without the fields that are needed."""
+    return DataError(Message("{why}; choose others with {option.topics}", why=why), code="fields")
+
+
 def imus_of(labels: list[str], chosen: list[str]) -> list[str]:
     """The `topics` of each IMU: instance 0 of every chosen kind, then instance 1 of every chosen kind, and so on."""
     names = list(dict.fromkeys(label.partition(":")[0] for label in chosen))

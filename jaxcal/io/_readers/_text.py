@@ -95,17 +95,11 @@ class Text:
 
     def tail(self) -> str | None:
         """The end of the text; None for a packed file."""
-        size = self.size
-        if size is None:
+        if self.packed and self.content is None:
             return None
-        return self.part(max(0, size - (1 << 16)), size).decode("utf-8", errors="replace")
-
-    @property
-    def size(self) -> int | None:
-        """Total number of bytes; None for a packed file, where it is known only at the end."""
-        if self.content is not None:
-            return len(self.content)
-        return None if self.packed else self.path.stat().st_size
+        with self._open() as file:
+            file.seek(max(0, file.seek(0, io.SEEK_END) - (1 << 16)))
+            return file.read().decode("utf-8", errors="replace")
 
     def _open(self) -> io.BufferedIOBase:
         return self.path.open("rb") if self.content is None else io.BytesIO(self.content)
@@ -120,29 +114,22 @@ def open_text(path: pathlib.Path) -> Text:
         whole = not file.read(1)
     holes = _HOLE.search(first) is not None and b"\0" not in _HOLE.sub(b"", first)
     encoding = _encoding(_HOLE.sub(b"\n", first) if holes else first)
-    if holes:
-        content = _HOLE.sub(b"\n", b"".join(_unpacked(path, 0)) if packed else path.read_bytes())
-        content = content.decode(encoding, errors="replace").replace("\r\n", "\n").replace("\r", "\n").encode()
-        return Text(path, content[:HEAD].decode("utf-8", errors="replace"), content[:HEAD], content, packed, True)
     text = first.decode(encoding, errors="replace")
     if not whole:
         _refuse_wide(text.split("\n"))
         text = text[: text.rfind("\n") + 1] or text
     if not text.strip():
         raise DataError("the file is empty", code="empty")
-    content = None
-    table = of_program(text) or relabelled(text)
+    table, content = None if holes else of_program(text) or relabelled(text), None
     # polars needs UTF-8 and lines that end with \n
-    if table is not None:
+    if holes or table is not None or encoding not in ("utf-8-sig", "latin-1") or ("\n" not in text and "\r" in text):
         everything = b"".join(_unpacked(path, 0)) if packed else path.read_bytes()
-        text = table(everything.decode(encoding, errors="replace").replace("\r\n", "\n").replace("\r", "\n"))
-        content, text = text.encode(), text[:HEAD]
+        text = (_HOLE.sub(b"\n", everything) if holes else everything).decode(encoding, errors="replace")
+        text = text.replace("\r\n", "\n").replace("\r", "\n")
+        content = (text if table is None else table(text)).encode()
         first = content[:HEAD]
-    elif encoding not in ("utf-8-sig", "latin-1") or ("\n" not in text and "\r" in text):
-        everything = b"".join(_unpacked(path, 0)) if packed else path.read_bytes()
-        content = everything.decode(encoding, errors="replace").replace("\r\n", "\n").replace("\r", "\n").encode()
-        first = content[:HEAD]
-    return Text(path, text, first, content, packed)
+        text = first.decode("utf-8", errors="replace")
+    return Text(path, text, first, content, packed, holes)
 
 
 def _unpacked(path: pathlib.Path, start: int) -> Iterator[bytes]:
