@@ -114,10 +114,12 @@ def deviation(
 
 def begin(
     y, rate: float, statistic: Kind, sizes: Int[np.ndarray, " clusters"], confidence: float, alpha: Any, *, data="rate",
+    uneven: bool = True,
 ) -> Callable[[], Deviation]:  # fmt: skip
     """Start `deviation` for a checked record at given cluster sizes, and return a function that waits for the result.
 
     The sums of a short record are computed in the background, so a caller with many records should start one before waiting for another.
+    A caller with degrees of freedom of its own need not know whether the noise is `uneven`.
     """
     samples = y.shape[0] - (1 if data == "phase" else 0)
     columns = y if y.ndim == 2 else y[:, None]
@@ -136,10 +138,10 @@ def begin(
         measured = lambda: total, count, np.zeros(count.shape)
     else:
         measured = _measured(columns, sizes, statistic, rate, data, samples, alpha)
-    return lambda: _finished(y, columns, rate, statistic, sizes, confidence, samples, measured, data, findings)
+    return lambda: _finished(y, columns, rate, statistic, sizes, confidence, samples, measured, data, findings, uneven)
 
 
-def _finished(y, columns, rate, statistic: Kind, sizes, confidence, samples: int, measured, data, findings):
+def _finished(y, columns, rate, statistic: Kind, sizes, confidence, samples: int, measured, data, findings, uneven: bool):
     """The result from sums, counts and noise types, (clusters, channels). The sums come last, because they may still be computed."""
     sums, count, noise = measured
     xp, kept = namespace(y, concrete=True), slice(None)
@@ -161,7 +163,7 @@ def _finished(y, columns, rate, statistic: Kind, sizes, confidence, samples: int
     else:
         types = types_for_intervals(noise, sizes, samples, data) if xp is np else noise
         edf, low, high = _uncertainty(types, count, expected, sizes, statistic, samples, confidence, xp)
-    if xp is np and not statistic.error:
+    if xp is np and uneven and not statistic.error:
         wider, said = widened(edf, columns, 2 if data == "phase" else 1, samples / rate, FINDINGS)
         if (wider < edf).any():
             edf, findings = wider, (*findings, *said)

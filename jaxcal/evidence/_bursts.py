@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from .._arrays import runs
+from .._arrays import running_sum, runs
 from .._types import Samples
 from ._values import CHANCE, EFFICIENCY, FEW, HIDDEN, SAMPLE, columns_of, resolution
 
@@ -85,11 +85,11 @@ class _Record:
     def __init__(self, values: Any, rate: float):
         values = columns_of(values)
         known = np.isfinite(values)
-        count = np.count_nonzero(known, axis=0)
-        enough = 0.5 * count.max(initial=1)  # an axis that stopped costs the others nothing
+        count = [np.count_nonzero(column) for column in known.T]
+        enough = 0.5 * max(1, *count)  # an axis that stopped costs the others nothing
         alive = [i for i, column in enumerate(values.T) if count[i] >= enough and np.fmin.reduce(column) < np.fmax.reduce(column)]
         self.size = len(values)
-        self.present = known[:, alive].all(axis=1) if alive else np.zeros(self.size, bool)
+        self.present = np.logical_and.reduce([known[:, i] for i in alive]) if alive else np.zeros(self.size, bool)
         self.index = np.flatnonzero(self.present)
         self.columns = [values[:, i] if len(self.index) == self.size else values[self.index, i] for i in alive]
         self.columns = [column - np.median(column[:: len(column) // SAMPLE + 1]) for column in self.columns if len(column)]
@@ -107,7 +107,8 @@ class _Record:
     def _sum(self) -> None:
         self.sums = np.zeros((len(self.columns), len(self.index) + 1))
         for row, column in zip(self.sums, self.columns, strict=True):
-            np.cumsum(column, out=row[1:])
+            row[1:] = column
+            running_sum(row[1:])
 
     def looks(self, h: int, step: int) -> np.ndarray:
         """(axes, looks) squares of the looks d at every `step` samples, the first at sample h; computed in parts that fit a cache."""
@@ -127,7 +128,7 @@ class _Record:
         """Robust spread of the looks of each axis, which is known to half the step of a mean."""
         found = []
         for squares, step, hidden in zip(looks, self.steps, self.hidden, strict=True):
-            sizes = np.sqrt([_quantile(squares[:: len(squares) // SAMPLE + 1], share) for share in _SPREADS])
+            sizes = np.sqrt(_quantile(squares[:: len(squares) // SAMPLE + 1], *_SPREADS))
             found.append(np.max(sizes / list(_SPREADS.values())) + max(0.5 * step / h, hidden / np.sqrt(h)))
         return np.array(found)
 
@@ -141,8 +142,10 @@ class _Record:
             return out
         energy = np.einsum("abk->ab", _blocks(looks)) / _BLOCK
         gross = np.any(energy > _GROSS * (_quantile(energy, 0.25) + self.hidden**2)[:, None], axis=0)
-        still = np.append(np.repeat(~gross, _BLOCK), np.ones(count % _BLOCK, bool))
-        spread = self._spread(looks[:, still] if gross.any() and still.any() else looks, h)
+        still = looks
+        if gross.any() and (quiet := np.append(np.repeat(~gross, _BLOCK), np.ones(count % _BLOCK, bool))).any():
+            still = looks[:, quiet]
+        spread = self._spread(still, h)
         if not spread.all():
             return out
         z = functools.partial(np.matmul, spread**-2)
@@ -155,7 +158,10 @@ class _Record:
         size, total = z(looks[:, near]), z(energy)
         whole = high[high < len(total)]
         total[whole] = _blocks(np.minimum(size, limit))[: len(whole)].mean(axis=1)
-        loud, found = gross | _loud(total, axes, chance), np.zeros(count, bool)
+        loud = gross | _loud(total, axes, chance)
+        if not len(near) and not loud.any():
+            return out
+        found = np.zeros(count, bool)
         found[near] = size > limit
         starts, stops = runs(found)
         single = stops - starts <= 2 * h // step
@@ -213,10 +219,11 @@ def _blocks(values: np.ndarray) -> np.ndarray:
     return values[..., : count * _BLOCK].reshape(*values.shape[:-1], count, _BLOCK)
 
 
-def _quantile(values: np.ndarray, share: float) -> np.ndarray:
-    """Of the last axis; the nearest value, much faster than `numpy.quantile`."""
-    place = round(share * (values.shape[-1] - 1))
-    return np.partition(values, place)[..., place]
+def _quantile(values: np.ndarray, *shares: float) -> np.ndarray:
+    """Of the last axis, (..., shares) or (...) of a single one; the nearest values, much faster than `numpy.quantile`."""
+    places = [round(share * (values.shape[-1] - 1)) for share in shares]
+    found = np.partition(values, places)[..., places]
+    return found if len(shares) > 1 else found[..., 0]
 
 
 def _loud(energy: np.ndarray, axes: int, chance: float) -> np.ndarray:

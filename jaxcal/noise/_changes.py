@@ -93,8 +93,8 @@ class _Low(NamedTuple):
         return (self.factor * np.asarray(scipy.fft.dct(x, norm="ortho", axis=0))[1 : len(self.factor) + 1].T).T
 
     def ordinates(self, changes: Sequence[Change]) -> AnyArray:
-        """Ordinates of the regressors of changes, (changes, ordinates, columns)."""
-        return np.moveaxis(np.asarray(self.transform(np.stack([change.columns(self.times) for change in changes], axis=1))), 0, 1)
+        """Ordinates of the regressors of changes, (ordinates, changes, columns)."""
+        return self.transform(np.stack([change.columns(self.times) for change in changes], axis=1))
 
 
 @functools.lru_cache(maxsize=8)
@@ -116,16 +116,21 @@ def _event(start: float, *times: float) -> Change:
     return Change("step" if start else "warm_up", start, times[0], functools.partial(_relaxations, start, times))
 
 
-def _relaxations(start: float, times: Sequence[float], t: AnyArray) -> AnyArray:
-    """(n, times); each changes by one over the record."""
-    late = np.maximum(np.asarray(t) - start, 0.0)
-    shapes = [late if time == np.inf else -np.expm1(-late / time) if time else (late > 0.0).astype(float) for time in times]
-    return np.stack([shape / max(shape[-1], np.finfo(float).tiny) for shape in shapes], axis=1)
+def _relaxations(start: Any, times: Any, t: AnyArray) -> AnyArray:
+    """(n, times), each from its start or all from one; each changes by one over the record."""
+    times = np.asarray(times)
+    shapes = np.maximum(np.asarray(t)[:, None] - start, 0.0) + np.zeros(len(times))
+    step, curve = times == 0.0, (times > 0.0) & (times < np.inf)
+    shapes[:, step] = shapes[:, step] > 0.0
+    shapes[:, curve] = -np.expm1(-shapes[:, curve] / times[curve])
+    return shapes / np.maximum(shapes[-1], np.finfo(float).tiny)
 
 
 def _wave(frequency: float, t: AnyArray) -> AnyArray:
-    angle = 2 * np.pi * frequency * np.asarray(t)
-    return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    """(n, 2) cosine and sine at evenly spaced times, by the sums of the angles at the first of some times and after it."""
+    angle, size = 2 * np.pi * frequency * np.asarray(t), round(len(t) ** 0.5) + 1
+    turns = np.exp(1j * angle[::size])[:, None] * np.exp(1j * (angle[:size] - angle[0]))
+    return turns.ravel()[: len(t), None].view(float)
 
 
 def _lagged(times: AnyArray, values: AnyArray, lag: float, t: AnyArray) -> AnyArray:
@@ -137,8 +142,8 @@ def _lagged(times: AnyArray, values: AnyArray, lag: float, t: AnyArray) -> AnyAr
 
 
 @functools.lru_cache(maxsize=8)
-def _shapes(n: int, most: int, dt: float) -> dict[str, tuple[list[Change], AnyArray]]:
-    """Family -> its changes, and their ordinates (changes, ordinates, columns)."""
+def _shapes(n: int, most: int, dt: float) -> dict[str, tuple[list[Change], AnyArray, AnyArray]]:
+    """Family -> its changes, their ordinates (ordinates, changes, columns), and the products of these."""
     low, _ = _low(n, most, dt)
     length = n * dt
     families = {
@@ -147,33 +152,39 @@ def _shapes(n: int, most: int, dt: float) -> dict[str, tuple[list[Change], AnyAr
         "edges": [_event(0.0, one * length, other * length) for i, other in enumerate(_TIMES[:-1]) for one in _TIMES[1:i]],
         "sinusoid": [Change("sinusoid", 0.0, length / c, functools.partial(_wave, c / length)) for c in _CYCLES],
     }
-    return {family: (listed, low.ordinates(listed)) for family, listed in families.items()}
+    return {family: _with_products(low, listed) for family, listed in families.items()}
 
 
-def _ratios(records: Sequence[AnyArray], densities: AnyArray, x: AnyArray) -> AnyArray:
-    """Likelihood ratio (changes,) of each change over all records; x are their ordinates, (changes, ordinates, columns)."""
-    total = np.zeros(len(x))
-    for record, density in zip(records, densities, strict=True):
-        score = np.einsum("k,ckq->cq", record / density, x, optimize=True)
-        if x.shape[2] == 1:
-            size = (x[:, :, 0] ** 2) @ (1.0 / density)
-            total += np.where(size > 0.0, score[:, 0] ** 2 / np.where(size > 0.0, size, 1.0), 0.0)
-        else:
-            gram = np.einsum("ckq,ckr->cqr", x, x / density[:, None], optimize=True)
-            total += np.einsum("cq,cq->c", score, np.linalg.solve(gram, score[:, :, None])[:, :, 0])
-    return total
+def _with_products(low: _Low, listed: list[Change]) -> tuple[list[Change], AnyArray, AnyArray]:
+    x = low.ordinates(listed)
+    return listed, x, _products(x)
 
 
-def _sharpened(event: Change, x: AnyArray, low: _Low, rests: Sequence[AnyArray], densities: AnyArray) -> tuple[Change, AnyArray]:
+def _products(x: AnyArray) -> AnyArray:
+    return x[:, :, :, None] * x[:, :, None, :]
+
+
+def _ratios(rests: AnyArray, densities: AnyArray, x: AnyArray, products: AnyArray) -> AnyArray:
+    """Likelihood ratio (..., changes) of each change over the records of all axes, (..., axes, ordinates), of these densities."""
+    _, count, p = x.shape
+    score = np.reshape((rests / densities) @ x.reshape(len(x), -1), (*rests.shape[:-1], count, p))
+    size = np.reshape((1.0 / densities) @ products.reshape(len(x), -1), (*score.shape, p))
+    if p == 1:
+        size = size[..., 0]
+        return np.sum(np.where(size > 0.0, score**2 / np.where(size > 0.0, size, 1.0), 0.0), axis=(-3, -1))
+    return np.sum(score * np.linalg.solve(size, score[..., None])[..., 0], axis=(-3, -1))
+
+
+def _sharpened(event: Change, x: AnyArray, low: _Low, rests: AnyArray, densities: AnyArray) -> tuple[Change, AnyArray]:
     """The event between those of the grid, and its ordinates (ordinates, 1), that describe the rests best."""
     away, apart = 0.5 * (low.times[-1] + low.times[0]) * _STARTS[1], 0.5
     for _ in range(_HALVINGS):
         starts = event.start + (away * np.array([0.0, -1.0, 1.0]) if event.start else np.zeros(1))
         times = event.time * 2.0 ** (apart * (np.array([0.0, -1.0, 1.0]) if 0.0 < event.time < np.inf else np.zeros(1)))
-        near = [_event(start, time) for start in starts for time in times]
-        ordinates = low.ordinates(near)
-        best = int(np.argmax(_ratios(rests, densities, ordinates)))
-        event, x, away, apart = near[best], ordinates[best], away / 2.0, apart / 2.0
+        starts, times = np.repeat(starts, len(times)), np.tile(times, len(starts))
+        near = low.transform(_relaxations(starts, times, low.times))[:, :, None]
+        best = int(np.argmax(_ratios(rests, densities, near, near[..., None] ** 2)))
+        event, x, away, apart = _event(float(starts[best]), float(times[best])), near[:, best], away / 2.0, apart / 2.0
     return event, x
 
 
@@ -206,9 +217,9 @@ def find_changes(
         means = _means(temperature, low, size)
         lags = [lag * n * dt for lag in _LAGS]
         listed = [Change("temperature", 0.0, lag, functools.partial(_lagged, low.times, means - means.mean(), lag)) for lag in lags]
-        shapes["temperature"] = listed, low.ordinates(listed)
+        shapes["temperature"] = _with_products(low, listed)
     kept, slow, walk = len(low.factor), axes[0].slow, axes[0].walk  # the axes have the same columns
-    records = [low.transform(_means(axis.record, low, size)) for axis in axes]
+    records = np.array([low.transform(_means(axis.record, low, size)) for axis in axes])
     bases = np.array([axis.columns[:kept, ~slow] @ axis.theta[~slow] for axis in axes])
     columns = axes[0].columns[:kept, slow]
     if not np.all(bases > 0.0):
@@ -220,23 +231,24 @@ def find_changes(
     (fitted,), (cost,) = refitted([held], np.array([axis.theta[slow] for axis in axes]))
     if shifts := [_event(at, 0.0)._replace(family="shift") for at in joints if 0.0 < at < n * dt]:
         x = low.ordinates(shifts)
-        shares = _shares(_ratios(records, bases + fitted @ columns.T, x) - _level("shift", len(axes), len(shifts)))
+        ratios = _ratios(records, bases + fitted @ columns.T, x, _products(x))
+        shares = _shares(ratios - _level("shift", len(axes), len(shifts)))
         found = [(shifts[i], float(shares[i])) for i in np.flatnonzero(shares > _FAINT)]
-        held = x[shares > 0.5, :, 0].T
+        held = x[:, shares > 0.5, 0]
         (fitted,), (cost,) = refitted([held], fitted)
     instead: tuple[float, Change | None] = -_LEVELS["beside"], None
     while sum(one.family != "shift" for one, _ in found) < _MOST:
         tried: list[tuple[str, Change, AnyArray]] = []
         walks = bool(np.any(fitted[:, walk] > 0.0))
-        for densities in (bases + fitted @ columns.T, bases):
-            rests = [_residual(record, held, one) for record, one in zip(records, densities, strict=True)]
-            for family, (listed, x) in shapes.items():
-                ratios = _ratios(rests, densities, x)
+        both = np.stack([bases + fitted @ columns.T, bases])
+        rests = _residuals(records, held, both)
+        for family, (listed, x, products) in shapes.items():
+            for density, rest, ratios in zip(both, rests, _ratios(rests, both, x, products), strict=True):
                 best = int(np.argmax(ratios))
                 if ratios[best] > levels[family] - _LEVELS["beside"]:
-                    change, ordinates = listed[best], x[best]
+                    change, ordinates = listed[best], x[:, best]
                     if family in ("event", "edge"):
-                        change, ordinates = _sharpened(change, ordinates, low, rests, densities)
+                        change, ordinates = _sharpened(change, ordinates, low, rest, density)
                     tried.append((family, change, ordinates))
         if not tried:
             break
@@ -278,12 +290,15 @@ def _at_its_instant(change: Change, axes: Sequence[Axis], dt: float, size: int) 
     return _event((first + best + 0.5) * dt, 0.0)
 
 
-def _residual(record: AnyArray, held: AnyArray, density: AnyArray) -> AnyArray:
-    """The record less its regression on the columns in `held`, weighted by a density."""
-    if not held.shape[1]:
-        return record
-    x = held / np.sqrt(density)[:, None]
-    return record - held @ np.linalg.lstsq(x, record / np.sqrt(density), rcond=None)[0]
+def _residuals(records: AnyArray, held: AnyArray, densities: AnyArray) -> AnyArray:
+    """The records (axes, ordinates) less their regression on the columns in `held`, (..., ordinates, columns), weighted by densities."""
+    if not held.shape[-1]:
+        return np.broadcast_to(records, densities.shape)
+    x = held[..., None, :, :] / np.sqrt(densities)[..., None]
+    x = x / np.maximum(np.sqrt(np.sum(x**2, axis=-2, keepdims=True)), np.finfo(float).tiny)
+    white, turned = (records / np.sqrt(densities))[..., None], np.swapaxes(x, -1, -2)
+    back = np.linalg.pinv(turned @ x, rcond=x.shape[-2] * np.finfo(float).eps, hermitian=True)
+    return np.sqrt(densities) * (white - x @ (back @ (turned @ white)))[..., 0]
 
 
 def _refitted(records, columns, bases, designs, begun, held: Any = False) -> tuple[AnyArray, AnyArray]:
@@ -299,12 +314,11 @@ def _refitted(records, columns, bases, designs, begun, held: Any = False) -> tup
 
     columns_of, levels = means(columns.T).T, np.broadcast_to(means(bases), (*shape, len(count)))
     theta, target = np.broadcast_to(begun, (*shape, columns.shape[1])), levels
-    for _ in range(_ROUNDS if any(design.shape[1] for design in designs) else 1):
-        rests = [
-            [_residual(record, design, density) for record, density in zip(records, bases + one @ columns.T, strict=True)]
-            for design, one in zip(designs, theta, strict=True)
-        ]
-        target = means(np.square(rests))
+    held_each = np.zeros((len(designs), len(columns), max(design.shape[1] for design in designs)))
+    for one, design in zip(held_each, designs, strict=True):
+        one[:, : design.shape[1]] = design
+    for _ in range(_ROUNDS if held_each.size else 1):
+        target = means(_residuals(records, held_each, bases + theta @ columns.T) ** 2)
         if columns.shape[1]:
             searches = (target, theta, levels, np.broadcast_to(held, theta.shape))
             goal, start, own, stays = (np.reshape(values, (len(designs) * len(records), -1)) for values in searches)

@@ -53,7 +53,7 @@ def fit_curves(record: Record, asked: Asked) -> list[NoiseFit]:
     found = []
     for y, name in zip(record.channels, record.names, strict=True):
         try:
-            curve, inside = asked.deviation(y)
+            curve, inside = asked.begin(y)()
             found.append(fit_deviation(curve, len(y), asked.terms, inside, asked.method, asked.confidence))
         except DataError as error:
             raise error.of(name) from None

@@ -86,9 +86,10 @@ def _of_octaves(bins: Bins, theta: AnyArray) -> AnyArray:
     member = (octave[None, :] == np.arange(octave.max() + 1)[:, None]).astype(float)
     rows = columns / model[:, None]
     score = member @ (rows * (0.5 * weight * (bins.density[used] / model - 1.0))[:, None])
-    each = np.einsum("ob,bi,bj->oij", member, rows * (0.5 * weight)[:, None], rows)
+    products = (rows * (0.5 * weight)[:, None])[:, :, None] * rows[:, None, :]
+    each = (member @ products.reshape(len(rows), -1)).reshape(len(member), *products.shape[1:])
     back = inverse(each.sum(axis=0))
-    squares, variances = (score @ back) ** 2, np.einsum("ij,ojk,ki->oi", back, each, back)
+    squares, variances = (score @ back) ** 2, np.diagonal(back @ each @ back, axis1=1, axis2=2)
     near = np.abs(np.subtract.outer(*(np.arange(len(squares)),) * 2)) <= 1
     whole = np.maximum(near @ variances, np.finfo(float).tiny)
     share = near @ (variances / whole)  # weight of the square of each octave in the mean of smoothed ratios
@@ -116,9 +117,9 @@ def _energies(spectrum: AnyArray, evidence: AnyArray, model: AnyArray, count: An
     share = evidence[:bins] / size
     white = np.repeat(np.sqrt(share / model[:bins]), held) * spectrum[:needed]
     level = float(np.max(np.abs(white))) or 1.0  # of a step alone nothing is left as noise, which exceeds single precision
-    white = (white / level).astype(np.float32)
     # u^2 has twice the bandwidth of u
-    whole = needed == len(spectrum)
-    u = np.asarray(scipy.fft.idct(np.pad(white, (1, 0 if whole else needed - 1)), norm="ortho", overwrite_x=True))
-    energy = np.add.reduceat(u * u, np.rint(np.arange(BLOCKS[0]) * len(u) / BLOCKS[0]).astype(int), dtype=float)
+    ordinates = np.zeros(needed + 1 if needed == len(spectrum) else 2 * needed, dtype=np.float32)
+    np.divide(white, level, out=ordinates[1 : needed + 1], casting="same_kind")
+    u = np.asarray(scipy.fft.idct(ordinates, norm="ortho", overwrite_x=True))
+    energy = np.add.reduceat(np.square(u, out=u), np.rint(np.arange(BLOCKS[0]) * len(u) / BLOCKS[0]).astype(int), dtype=float)
     return energy * size * level**2, float((held @ share) ** 2 / (held @ share**2))

@@ -77,41 +77,42 @@ def scoring(
     held : (searches, p) coefficients that stay as they start.
     """
     used = weight > 0
+    used = slice(None) if used.all() else used
     x, weight = columns[used], weight[used]
     scale = np.maximum(np.abs(x).max(axis=0), _TINY)
     x, free, theta = x / scale, np.any(x < 0, axis=0), np.atleast_2d(start * scale)
     rows, products = np.ascontiguousarray(x.T), (x[:, :, None] * x[:, None, :]).reshape(len(x), -1)
-    p, base = (np.broadcast_to(values, (len(theta), len(used)))[:, used] for values in (target, base))
+    p, base = (np.broadcast_to(values, (len(theta), len(columns)))[:, used] for values in (target, base))
     p, held = np.maximum(p, _TINY**0.25), np.broadcast_to(held, theta.shape)
     fixed = np.where(held, theta, 0.0)
 
-    def cost_of(theta: AnyArray) -> tuple[AnyArray, AnyArray]:
+    def cost_of(theta: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:
         s = np.maximum(theta @ rows + base, _DARK * p)
         ratio = p / s
-        return s, 0.5 * ((ratio - 1.0 - np.log(ratio)) @ weight)
+        return s, ratio, 0.5 * ((ratio - 1.0 - np.log(ratio)) @ weight)
 
     active, on = ((theta > 0.0) | free) & ~held, np.arange(len(theta))  # on: the searches that go on
-    s, cost = cost_of(theta)
+    s, ratio, cost = cost_of(theta)
     for k in range(_STEPS):
         # near the maximum the mean of expected and observed information has half the error of the expected one
-        own, ratio = weight / s, p / s
+        own = weight / s
         each = own / s * ratio if k > 1 else own / s
         goal = (each * (s - base - fixed @ rows) + own * (ratio - 1.0)) @ x
         wanted, active = nonnegative((each @ products).reshape(*goal.shape, -1), goal, free, active, held)
         wanted += fixed
         begin, step, trial = theta[on], np.ones(len(on)), wanted
-        s, new = cost_of(trial)
+        s, ratio, new = cost_of(trial)
         while (worse := (new > cost[on]) & (step > _SHORTEST)).any():
             step[worse] *= 0.5
             trial = begin + step[:, None] * (wanted - begin)
-            s, new = cost_of(trial)
+            s, ratio, new = cost_of(trial)
         gained = cost[on] - new
         better, more = gained >= 0.0, gained > enough
         theta[on[better]], cost[on[better]] = trial[better], new[better]
         if not more.any():
             break
         if not more.all():
-            s, active, on, p, base, held, fixed = (values[more] for values in (s, active, on, p, base, held, fixed))
+            s, ratio, active, on, p, base, held, fixed = (values[more] for values in (s, ratio, active, on, p, base, held, fixed))
     return (theta / scale, cost) if np.ndim(start) > 1 else (theta[0] / scale, float(cost[0]))
 
 
@@ -127,12 +128,12 @@ def nonnegative(gram: AnyArray, target: AnyArray, free: Any, active: AnyArray, h
     unit, goal, own = gram / (size[..., :, None] * size[..., None, :]), target / size, np.eye(gram.shape[-1])
     unit += _FLAT * _EPS * own
     enough = _RIDGE * np.abs(goal).max(axis=-1, keepdims=True)
-    theta = goal
+    theta, bound, movable = goal, ~free, ~np.asarray(held)
     for k in range(10 * len(own)):
         both = active[..., :, None] & active[..., None, :]
         theta = np.linalg.solve(np.where(both, unit, own), np.where(active, goal, 0.0)[..., None])[..., 0]
         slope = goal - (unit @ theta[..., None])[..., 0]
-        wrong = np.where(active, (theta < 0.0) & ~free, (slope > enough) & ~held)
+        wrong = np.where(active, (theta < 0.0) & bound, (slope > enough) & movable)
         if not wrong.any():
             break
         if k:

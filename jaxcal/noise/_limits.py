@@ -76,18 +76,16 @@ def profile_limits(
             score = 0.5 * np.sum(bins.weight * bins.columns.T[index[lanes]] * (s - bins.density) / s**2, axis=1)
             return root, 2.0 * np.sqrt(value) * score / np.maximum(root, np.finfo(float).tiny)
 
-    zero = np.arange(3 * count, 4 * count)
-    at_zero, _ = root_of(zero, np.zeros(count))
     sign = np.repeat([-1.0, 1.0, 1.0], count)
     near, far = np.sqrt(best[: 3 * count]), np.where(sign > 0.0, np.inf, 0.0)  # roots of values on either side of the level
     found = np.where(level[: 3 * count] > 0.0, np.append(np.zeros(count), np.full(2 * count, np.inf)), near)
     u = np.sqrt(np.maximum(best + np.append(sign, np.zeros(count)) * level * error, 0.0))[: 3 * count]
-    u = np.where(u > 0.0, u, 0.5 * near)
-    todo = np.flatnonzero(np.append(at_zero > level[zero], np.ones(2 * count, dtype=bool)) & (level[: 3 * count] > 0.0))
+    u = np.append(np.where(u > 0.0, u, 0.5 * near), np.zeros(count))
+    roots, rises = root_of(np.arange(4 * count), u**2)  # the last are those at zero
+    at_zero = roots[3 * count :]
+    todo = np.flatnonzero(np.append(at_zero > level[3 * count :], np.ones(2 * count, dtype=bool)) & (level[: 3 * count] > 0.0))
+    root, rise = roots[todo], rises[todo]
     for _ in range(_SEARCH):
-        if not len(todo):
-            break
-        root, rise = root_of(todo, u[todo] ** 2)
         off = root - level[todo]
         done = np.abs(off) <= _CLOSE * level[todo]
         found[todo[done]] = u[todo[done]]
@@ -99,5 +97,8 @@ def profile_limits(
         middle = np.where(np.isfinite(high), 0.5 * (low + high), 2.0 * low)
         u[todo] = np.where((new > low) & (new < np.minimum(high, 4.0 * low + error[todo])), new, middle)
         todo = todo[~done]
+        if not len(todo):
+            break
+        root, rise = root_of(todo, u[todo] ** 2)
     low, high, upper = (found**2).reshape(3, count)
     return Limits(low, high, upper, at_zero**2)

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import DataError
+from .._frozen import made
 from .._precision import array_module, host_float64, real_numbers
 from .._quality import checked_rate, checked_whole
 from .._types import Any, Leaf, Numbers, Real, Seed
@@ -317,7 +318,7 @@ def noise_of(terms: Iterable[Term], values: Iterable[Any], sinusoid: Iterable[tu
             found |= {term.name: value}
         else:
             found["further"] = (*found.get("further", ()), (value, term))
-    return Noise(**found)
+    return made(Noise, **found)
 
 
 def checked_terms(terms: Any) -> tuple[Term, ...]:

@@ -99,7 +99,7 @@ class Observed:
         self._open = np.flatnonzero(missing)
         self._given = self._centred(y[None, :])  # the record, and regressors where samples are missing
         self._spectrum = dct(self._given[0])[1:] if not len(self._open) else None
-        self._runs = _runs_of(missing)
+        self._runs = _runs_of(missing) if len(self._open) else {}
         self._draws = 0 if not len(self._open) else min(_MOST_DRAWS, max(2, -(-_DRAWN // n)))
         self._white = np.random.default_rng(_SEED).standard_normal((self._draws, n))
         self._mean = Regressors(np.zeros((0, n)))
@@ -275,7 +275,8 @@ def _at_ordinates(density: np.ndarray, frequency: np.ndarray, n: int, dt: float)
 
 def _products(spectra: np.ndarray, others: np.ndarray, starts: np.ndarray) -> np.ndarray:
     """Sums over each bin of the products of spectra, (p, ordinates) and (q, ordinates): (p, q, bins)."""
-    return np.reshape([np.add.reduceat(others * one, starts, axis=1) for one in spectra], (len(spectra), len(others), len(starts)))
+    sums = [[np.add.reduceat(one * other, starts) for other in others] for one in spectra]
+    return np.reshape(sums, (len(spectra), len(others), len(starts)))
 
 
 def bridged(y: np.ndarray) -> np.ndarray:

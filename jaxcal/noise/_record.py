@@ -2,7 +2,7 @@
 
 import dataclasses
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -11,7 +11,9 @@ import numpy as np
 from .._answer import Finding, Quantity
 from .._errors import DataError
 from .._quality import checked_rate, checked_record
-from ..allan import Deviation, deviation
+from ..allan import Deviation
+from ..allan._deviation import begin
+from ..allan._kinds import find_kind
 from ..evidence import bursts
 from ..evidence._values import first_known, resolution
 from ._findings import FINDINGS
@@ -103,10 +105,18 @@ class Asked(NamedTuple):
     m: np.ndarray
     inside: np.ndarray
 
-    def deviation(self, y: Any) -> tuple[Deviation, np.ndarray]:
-        """The Allan deviation of a channel at the cluster sizes, and which of them the fit may use."""
-        found = deviation(y, self.rate, m=self.m, confidence=self.confidence)
-        return found, self.inside[np.isin(self.m, found.m)]  # gaps may leave no difference at the largest cluster sizes
+    def begin(self, y: Any, end: float | None = None) -> Callable[[], tuple[Deviation, np.ndarray]]:
+        """Start the Allan deviation of a channel, and return a function that waits for it: the deviation, and which of its cluster sizes
+        the fit may use. One that gives all of them its own degrees of freedom, up to a frequency `end`, is not told of uneven noise.
+        """
+        used = self.inside & (self.m / self.rate >= (0.5 / (end or np.inf)) * (1 - 1e-9))
+        wait = begin(y, self.rate, find_kind("oadev"), self.m, self.confidence, None, uneven=not end or not used.all())
+
+        def finished() -> tuple[Deviation, np.ndarray]:
+            found = wait()
+            return found, used[np.isin(self.m, found.m)]  # gaps may leave no difference at the largest cluster sizes
+
+        return finished
 
 
 def checked_call(record: Record, rate: Any, method: str, terms: Any, confidence: float, band: Any) -> Asked:

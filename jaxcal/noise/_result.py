@@ -10,7 +10,7 @@ import numpy as np
 from .._answer import Finding, Result, Results, Section, plain
 from .._arrays import namespace
 from .._errors import DataError
-from .._frozen import replaced
+from .._frozen import made, replaced
 from .._precision import map_ordered
 from .._types import AnyArray, Held, Leaf
 from ..allan import Deviation
@@ -286,10 +286,8 @@ def assemble(
             xp.where(positive, duration * (relative / 0.1) ** 2, xp.inf),
         )
         tables = {name: dict(zip(names, values, strict=False)) for name, values in zip(tables, columns, strict=True)}
-    return NoiseFit(
-        noise=noise_of(terms, list(value), sinusoid), covariance=NamedMatrix(names, spread), deviation=curve, duration=duration,
-        terms=names, **tables, **others,
-    )  # fmt: skip
+    noise, matrix = noise_of(terms, list(value), sinusoid), made(NamedMatrix, names=names, array=spread)
+    return made(NoiseFit, noise=noise, covariance=matrix, deviation=curve, duration=duration, terms=names, **tables, **others)
 
 
 def with_edf(curve: Deviation, used, edf) -> Deviation:

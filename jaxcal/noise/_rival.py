@@ -14,6 +14,7 @@ band therefore take part in the hull, at a price in likelihood that only a recor
 where the rival is clearly more likely and clearly another spectrum; the low ends of their intervals fall to zero where it begins to be.
 """
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -85,10 +86,17 @@ def _columns(
     bins: Bins, kept: AnyArray, theta: AnyArray, dt: float, duration: float, octaves: float
 ) -> tuple[AnyArray, AnyArray]:  # fmt: skip
     """Columns of the rival, with corners that end so many octaves below the band, and coefficients to start from."""
-    used, frequency = bins.weight > 0, bins.frequency
-    corners = np.exp2(np.arange(float(np.log2(0.25 / duration)), float(np.log2(frequency[used].max())) - octaves + 1e-9))
-    walk = BUILT_IN["K"].psd(frequency, dt)
-    relaxations = np.asarray(GaussMarkov(time=0.5 / (np.pi * corners)).psd(frequency[:, None], dt))
-    slow = np.column_stack([walk / walk.max(), relaxations / relaxations.max(axis=0)])
+    used = bins.weight > 0
+    slow = _relaxations(bins.frequency.tobytes(), dt, duration, float(np.log2(bins.frequency[used].max())) - octaves)
     start = np.concatenate([theta[kept], np.full(slow.shape[1], np.mean(bins.density[used]) / slow.shape[1])])
     return np.column_stack([bins.columns[:, kept], slow]), start
+
+
+@functools.lru_cache(maxsize=16)
+def _relaxations(held: bytes, dt: float, duration: float, last: float) -> AnyArray:
+    """Densities (bins, processes) of a random walk and of relaxations an octave apart; records of one length and band share them."""
+    frequency = np.frombuffer(held)
+    corners = np.exp2(np.arange(float(np.log2(0.25 / duration)), last + 1e-9))
+    walk = BUILT_IN["K"].psd(frequency, dt)
+    relaxations = np.asarray(GaussMarkov(time=0.5 / (np.pi * corners)).psd(frequency[:, None], dt))
+    return np.column_stack([walk / walk.max(), relaxations / relaxations.max(axis=0)])

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from ..._arrays import running_sum
 from ..._types import Array, Float
 
 #: number of starting points processed at a time, and padding of every record
@@ -32,31 +33,9 @@ def integrate(values, out) -> bool:
     mean = first + (float(np.add.reduce(values)) / len(values) - first)
     if not np.isfinite(mean):
         return False
-    out[0] = carry = 0.0
-    for start in range(0, len(values), IN_CACHE):
-        piece = slice(start, start + IN_CACHE)
-        held = np.subtract(values[piece], mean, out=out[1:][piece])
-        held[0] += carry
-        carry = _running_sum(held)[-1]
+    out[0] = 0.0
+    running_sum(np.subtract(values, mean, out=out[1:]))
     return True
-
-
-def _running_sum(values) -> np.ndarray:
-    """Running sum of the values, in place.
-
-    In a simple sum each addition waits for the one before. So pairs are added first, their running sum is formed in the same way, and a
-    value is subtracted where the sum ends in the middle of a pair. This takes 0.4 of the time.
-    """
-    if len(values) <= LANE:
-        return np.cumsum(values, out=values)
-    seconds = values[1::2]
-    firsts = values[: 2 * len(seconds) : 2]
-    pairs = _running_sum(firsts + seconds)
-    np.subtract(pairs, seconds, out=firsts)
-    seconds[:] = pairs
-    if len(values) % 2:
-        values[-1] += pairs[-1]
-    return values
 
 
 def _two_sum(a, b):
