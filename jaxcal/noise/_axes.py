@@ -20,7 +20,6 @@ from ._model import Noise
 #: information, in ordinates of pure white noise, below which no correlation is computed; ratio of an ordinate to its expectation that only
 #: a line or a step exceeds: one in 2e7 ordinates of noise does
 _FEWEST, _LARGEST = 100.0, 30.0
-_PIECE = 1 << 17  # ordinates whose sums are formed at a time, so that they stay in the cache
 
 
 class Correlation(Result):
@@ -122,21 +121,18 @@ def correlation(y: Samples, rate: Numbers, fits: Sequence[Any], *, confidence: f
     n, axes = part.shape[1], len(models)
     if n < _FEWEST:
         raise DataError(f"the longest stretch without gaps has {n} samples; a correlation needs {_FEWEST:.0f} at least")
-    ordinates = np.asarray(scipy.fft.dct(part - part.mean(axis=1, keepdims=True), norm="ortho"))
-    own, common, information = np.zeros(axes), np.zeros((axes, axes)), np.zeros((axes, axes))
-    for first in range(1, n, _PIECE):
-        k = np.arange(first, min(first + _PIECE, n))
-        root = np.sqrt([np.asarray(model.psd(k * (rate / (2.0 * n)), dt=1.0 / rate)) for model in models])
-        white, share = ordinates[:, k] / root / np.sqrt(rate), strength[:, None] / root
-        share = np.where(np.all(white**2 < _LARGEST, axis=0), share, 0.0)
-        # sum for each axis alone, minus its other noise: scatter common to both sums cancels, and so does a small error of the fitted level
-        own += np.sum(share**2 * (white**2 - 1.0 + share**2), axis=1)
-        common += (share * white) @ (share * white).T
-        information += share**2 @ (share**2).T
+    frequency = np.arange(1, n) * (rate / (2.0 * n))
+    ordinates = np.asarray(scipy.fft.dct(part - part.mean(axis=1, keepdims=True), norm="ortho"))[:, 1:]
+    root = np.sqrt([np.asarray(model.psd(frequency, dt=1.0 / rate)) for model in models])
+    white, share = ordinates / root / np.sqrt(rate), strength[:, None] / root
+    share = np.where(np.all(white**2 < _LARGEST, axis=0), share, 0.0)
+    # sum for each axis alone, minus its other noise: scatter common to both sums cancels, and so does a small error of the fitted level
+    own = np.sum(share**2 * (white**2 - 1.0 + share**2), axis=1)
     if not np.all(own > 0.0):
         raise DataError("white noise does not stand out in all axes; there is no correlation to find", code="no_white")
-    rho = common / np.sqrt(np.outer(own, own))
+    rho = (share * white) @ (share * white).T / np.sqrt(np.outer(own, own))
     np.fill_diagonal(rho, 1.0)
+    information = share**2 @ (share**2).T
     if np.min(information) < _FEWEST:
         raise DataError(f"white noise is worth {np.min(information):.0f} ordinates only; a correlation needs {_FEWEST:.0f}: N is too small")
     reach = float(scipy.special.ndtri(0.5 + confidence / 2.0)) / np.sqrt(information)

@@ -188,10 +188,10 @@ class Observed:
     @property
     def drawn(self) -> np.ndarray:
         """(n,) the same, with a random draw in place of the expectation of unknown samples, so that it scatters like a complete record."""
-        if 0 not in self._before:
+        if "draws" not in self._before:
             return self.filled
         found = self.filled.copy()
-        found[self._open] += self._before[0]
+        found[self._open] += self._before["draws"][0]
         return found
 
     def spectrum(self) -> np.ndarray:
@@ -214,7 +214,7 @@ class Observed:
 
     def _expected(self, level: np.ndarray | None, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Expectation of the record and of the regressors, and the conditional variance over the density, summed in bins."""
-        n, z, lost = len(self.y), self._given.copy(), np.zeros(len(self.y) - 1)
+        n, z = len(self.y), self._given.copy()
         if level is None:
             z[:, self._open] = np.nan
             return without_gaps(z.T).T, np.zeros(len(starts))
@@ -223,47 +223,53 @@ class Observed:
         at = np.arange(1, n)
         sines = {length: np.interp(np.arange(1, length + 1) * n / (length + 1.0), at, level) / self.dt for length in self._runs}
         pull = -_idct(precision * dct(z))[:, self._open]
-        for i, one in enumerate(pull):
-            z[i, self._open] = self._before["y", i] = self._solve(one, precision, sines, self._before.get(("y", i)), _EXACT)
-        for i, white in enumerate(self._white):
-            pull = _idct(np.sqrt(precision) * white)[self._open]
-            self._before[i] = self._solve(pull, precision, sines, self._before.get(i), _ROUGH)
-            drawn = np.zeros(n)
-            drawn[self._open] = self._before[i]
-            lost += dct(drawn)[1:] ** 2 * precision[1:] / self._draws
+        z[:, self._open] = self._solve("expected", pull, precision, sines, _EXACT)
+        pull = _idct(np.sqrt(precision) * self._white)[:, self._open]
+        drawn = np.zeros((self._draws, n))
+        drawn[:, self._open] = self._solve("draws", pull, precision, sines, _ROUGH)
+        lost = np.sum(dct(drawn)[:, 1:] ** 2, axis=0) * precision[1:] / self._draws
         return z, np.add.reduceat(lost, starts)
 
     # a record that is a ramp to within rounding has precisions beyond the range of floats; it is refused after the fit
     @np.errstate(over="ignore", invalid="ignore")
-    def _solve(self, b, precision, sines, start, tolerance):
-        """Q^-1 b over the missing samples, by conjugate gradients with a preconditioner of sines in each gap."""
-        full = np.zeros(len(self.y))
+    def _solve(self, key, b, precision, sines, tolerance):
+        """Q^-1 b over the missing samples, (vectors, samples), by conjugate gradients with a preconditioner of sines in each gap.
+
+        They begin at the last vectors of this key.
+        """
 
         def product(v):
-            full[self._open] = v
-            return _idct(precision * dct(full))[self._open]
+            full = np.zeros((len(v), len(self.y)))
+            full[:, self._open] = v
+            return _idct(precision * dct(full))[:, self._open]
 
         def nearly_inverse(r):
             out = np.empty_like(r)
             for length, where in self._runs.items():
-                waves = scipy.fft.dst(r[where], type=1, norm="ortho", axis=-1) * sines[length]
-                out[where] = scipy.fft.idst(waves, type=1, norm="ortho", axis=-1)
+                waves = scipy.fft.dst(r[:, where], type=1, norm="ortho", axis=-1) * sines[length]
+                out[:, where] = scipy.fft.idst(waves, type=1, norm="ortho", axis=-1)
             return out
 
-        v = np.zeros_like(b) if start is None else start.copy()
-        r = b.copy() if start is None else b - product(v)
-        enough = tolerance**2 * (b @ nearly_inverse(b))
-        z = nearly_inverse(r)
-        direction, size = z, r @ z
+        def dot(one, other):
+            return np.sum(one * other, axis=1, keepdims=True)
+
+        last = self._before.get(key)
+        v, r = (np.zeros_like(b), b) if last is None else (last.copy(), b - product(last))
+        enough, direction = tolerance**2 * dot(b, nearly_inverse(b)), nearly_inverse(r)
+        size, on = dot(r, direction), np.arange(len(b))  # on: the vectors that are not yet exact
         for _ in range(_ITERATIONS):
-            if size <= enough:
+            more = ~(size <= enough)[:, 0]
+            r, direction, size, enough, on = (values[more] for values in (r, direction, size, enough, on))
+            if not len(on):
                 break
             image = product(direction)
-            step = size / (direction @ image)
-            v, r = v + step * direction, r - step * image
+            step = size / dot(direction, image)
+            v[on] += step * direction
+            r = r - step * image
             z = nearly_inverse(r)
-            size, last = r @ z, size
-            direction = z + size / last * direction
+            size, before = dot(r, z), size
+            direction = z + size / before * direction
+        self._before[key] = v
         return v
 
 
