@@ -92,9 +92,10 @@ class _Low(NamedTuple):
         """Ordinates of functions given at `times`, the first axis."""
         return (self.factor * np.asarray(scipy.fft.dct(x, norm="ortho", axis=0))[1 : len(self.factor) + 1].T).T
 
-    def ordinates(self, changes: Sequence[Change]) -> AnyArray:
-        """Ordinates of the regressors of changes, (ordinates, changes, columns)."""
-        return self.transform(np.stack([change.columns(self.times) for change in changes], axis=1))
+    def family(self, changes: list[Change]) -> tuple[list[Change], AnyArray, AnyArray]:
+        """Changes, the ordinates of their regressors, (ordinates, changes, columns), and the products of these."""
+        x = self.transform(np.stack([change.columns(self.times) for change in changes], axis=1))
+        return changes, x, x[:, :, :, None] * x[:, :, None, :]
 
 
 @functools.lru_cache(maxsize=8)
@@ -143,7 +144,7 @@ def _lagged(times: AnyArray, values: AnyArray, lag: float, t: AnyArray) -> AnyAr
 
 @functools.lru_cache(maxsize=8)
 def _shapes(n: int, most: int, dt: float) -> dict[str, tuple[list[Change], AnyArray, AnyArray]]:
-    """Family -> its changes, their ordinates (ordinates, changes, columns), and the products of these."""
+    """Family -> its changes with their ordinates."""
     low, _ = _low(n, most, dt)
     length = n * dt
     families = {
@@ -152,16 +153,7 @@ def _shapes(n: int, most: int, dt: float) -> dict[str, tuple[list[Change], AnyAr
         "edges": [_event(0.0, one * length, other * length) for i, other in enumerate(_TIMES[:-1]) for one in _TIMES[1:i]],
         "sinusoid": [Change("sinusoid", 0.0, length / c, functools.partial(_wave, c / length)) for c in _CYCLES],
     }
-    return {family: _with_products(low, listed) for family, listed in families.items()}
-
-
-def _with_products(low: _Low, listed: list[Change]) -> tuple[list[Change], AnyArray, AnyArray]:
-    x = low.ordinates(listed)
-    return listed, x, _products(x)
-
-
-def _products(x: AnyArray) -> AnyArray:
-    return x[:, :, :, None] * x[:, :, None, :]
+    return {family: low.family(listed) for family, listed in families.items()}
 
 
 def _ratios(rests: AnyArray, densities: AnyArray, x: AnyArray, products: AnyArray) -> AnyArray:
@@ -217,7 +209,7 @@ def find_changes(
         means = _means(temperature, low, size)
         lags = [lag * n * dt for lag in _LAGS]
         listed = [Change("temperature", 0.0, lag, functools.partial(_lagged, low.times, means - means.mean(), lag)) for lag in lags]
-        shapes["temperature"] = _with_products(low, listed)
+        shapes["temperature"] = low.family(listed)
     kept, slow, walk = len(low.factor), axes[0].slow, axes[0].walk  # the axes have the same columns
     records = np.array([low.transform(_means(axis.record, low, size)) for axis in axes])
     bases = np.array([axis.columns[:kept, ~slow] @ axis.theta[~slow] for axis in axes])
@@ -230,8 +222,8 @@ def find_changes(
     refitted = functools.partial(_refitted, records, columns, bases)
     (fitted,), (cost,) = refitted([held], np.array([axis.theta[slow] for axis in axes]))
     if shifts := [_event(at, 0.0)._replace(family="shift") for at in joints if 0.0 < at < n * dt]:
-        x = low.ordinates(shifts)
-        ratios = _ratios(records, bases + fitted @ columns.T, x, _products(x))
+        _, x, products = low.family(shifts)
+        ratios = _ratios(records, bases + fitted @ columns.T, x, products)
         shares = _shares(ratios - _level("shift", len(axes), len(shifts)))
         found = [(shifts[i], float(shares[i])) for i in np.flatnonzero(shares > _FAINT)]
         held = x[:, shares > 0.5, 0]
@@ -314,11 +306,10 @@ def _refitted(records, columns, bases, designs, begun, held: Any = False) -> tup
 
     columns_of, levels = means(columns.T).T, np.broadcast_to(means(bases), (*shape, len(count)))
     theta, target = np.broadcast_to(begun, (*shape, columns.shape[1])), levels
-    held_each = np.zeros((len(designs), len(columns), max(design.shape[1] for design in designs)))
-    for one, design in zip(held_each, designs, strict=True):
-        one[:, : design.shape[1]] = design
-    for _ in range(_ROUNDS if held_each.size else 1):
-        target = means(_residuals(records, held_each, bases + theta @ columns.T) ** 2)
+    most = max(design.shape[1] for design in designs)
+    padded = np.stack([np.pad(design, ((0, 0), (0, most - design.shape[1]))) for design in designs])
+    for _ in range(_ROUNDS if most else 1):
+        target = means(_residuals(records, padded, bases + theta @ columns.T) ** 2)
         if columns.shape[1]:
             searches = (target, theta, levels, np.broadcast_to(held, theta.shape))
             goal, start, own, stays = (np.reshape(values, (len(designs) * len(records), -1)) for values in searches)

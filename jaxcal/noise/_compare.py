@@ -156,11 +156,8 @@ def _likeliest(fitted: Fitted, base: AnyArray, name: str, dt: float, duration: f
         return min(candidates, key=lambda terms: _fitted(fitted, base, terms, dt)[1])
     if not processes:
         return held
-
-    def cost_of(times: tuple[float, ...]) -> float:
-        return _fitted(fitted, base, (*held, *_processes(times)), dt)[1]
-
-    return (*held, *_processes(_best_times(cost_of, processes, dt, duration)))
+    times = _best_times(lambda times: _fitted(fitted, base, (*held, *_processes(times)), dt)[1], processes, dt, duration)
+    return (*held, *_processes(times))
 
 
 def _processes(times: Sequence[float]) -> tuple[GaussMarkov, ...]:

@@ -99,18 +99,12 @@ def _of_octaves(bins: Bins, theta: AnyArray) -> AnyArray:
     return beyond_chance(np.sum(share * squares, axis=0) / total, np.maximum(freedom, 1.0))
 
 
-def _needed(evidence: AnyArray, count: AnyArray) -> int:
-    """Number of ordinates that hold nearly all information, a length with a fast transform."""
-    total = np.cumsum(count * evidence**2)
-    last = int(np.searchsorted(total, _ENOUGH * total[-1]))
-    ordinates = int(np.sum(count))
-    wanted = max(int(np.sum(count[: last + 1])), _FEWEST)
-    return ordinates if wanted > ordinates // 4 else min(scipy.fft.next_fast_len(wanted, real=True), ordinates)
-
-
 def _energies(spectrum: AnyArray, evidence: AnyArray, model: AnyArray, count: AnyArray) -> tuple[AnyArray, float]:
     """Energy of the score of a coefficient in each of ten blocks, and the number of chi-squares that it is worth."""
-    needed = _needed(evidence, count)
+    # ordinates that hold nearly all information, in a number with a fast transform
+    total, needed = np.cumsum(count * evidence**2), len(spectrum)
+    wanted = max(int(np.sum(count[: np.searchsorted(total, _ENOUGH * total[-1]) + 1])), _FEWEST)
+    needed = needed if wanted > needed // 4 else min(scipy.fft.next_fast_len(wanted, real=True), needed)
     bins = int(np.searchsorted(np.cumsum(count), needed)) + 1
     held = np.diff(np.minimum(np.cumsum(count[:bins]), needed), prepend=0)  # ordinates of each bin
     size = float(evidence[:bins].max())

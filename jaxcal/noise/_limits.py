@@ -31,13 +31,6 @@ class Limits(NamedTuple):
         """The limits of squared coefficients in another unit."""
         return Limits(self.low * unit, self.high * unit, self.upper * unit, self.significance)
 
-    def reaching(self, index: int, low: float, high: float, upper: float) -> "Limits":
-        """The limits, of which those of one term also contain the given ones."""
-        own = [np.array(self.low), np.array(self.high), np.array(self.upper)]
-        for ends, value, further in zip(own, (low, high, upper), (min, max, max), strict=True):
-            ends[index] = further(ends[index], value)
-        return Limits(own[0], own[1], own[2], self.significance)
-
 
 @functools.cache
 def levels_of(confidence: float) -> tuple[float, float]:

@@ -141,7 +141,9 @@ class Observed:
         starts, count, columns, frequency = layout(len(self.y), self.dt, terms)
         level, lost = np.ones(len(count)) if density is None else density[: len(count)], np.zeros(len(count))
         if self._spectrum is None:
-            self._z, lost = self._expected(None if density is None else _at_ordinates(level, frequency, len(self.y), self.dt), starts)
+            at = np.log(np.arange(1, len(self.y)) / (2.0 * len(self.y) * self.dt))
+            everywhere = None if density is None else np.exp(np.interp(at, np.log(frequency), np.log(level)))
+            self._z, lost = self._expected(everywhere, starts)
             spectra = dct(self._z)[:, 1:]
             record, own = _products(spectra, spectra[:1], starts)[:, 0], _products(spectra[1:], spectra[1:], starts)
             squares, cross = record[0], record[1:]
@@ -271,12 +273,6 @@ class Observed:
             direction = z + size / before * direction
         self._before[key] = v
         return v
-
-
-def _at_ordinates(density: np.ndarray, frequency: np.ndarray, n: int, dt: float) -> np.ndarray:
-    """The density at all ordinates."""
-    at = np.log(np.arange(1, n) / (2.0 * n * dt))
-    return np.exp(np.interp(at, np.log(frequency), np.log(density)))
 
 
 def _products(spectra: np.ndarray, others: np.ndarray, starts: np.ndarray) -> np.ndarray:

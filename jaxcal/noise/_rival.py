@@ -34,18 +34,14 @@ _GAIN, _APART = 12.0, 0.25
 
 class Rival(NamedTuple):
     """Density of the rival in the bins of a fit, rms logarithm of its ratio to the model, the share of the low ends of B^2 and K^2 that it
-    leaves, and limits of its N^2 (low, high, one-sided upper limit) in units of `Bins.unit`, or None without N.
+    leaves, which is 0 if the record shows another spectrum than that of the model, and limits of its N^2 (low, high, one-sided upper limit)
+    in units of `Bins.unit`, or None without N.
     """
 
     density: AnyArray
     apart: float
     left: float
     white: tuple[float, float, float] | None
-
-    @property
-    def other(self) -> bool:
-        """Whether the record shows another spectrum than that of the model."""
-        return self.left == 0.0
 
 
 def rival_of(fitted: Fitted, names: tuple[str, ...], dt: float, duration: float, levels: tuple[float, float], widened: float) -> Rival:

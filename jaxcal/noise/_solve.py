@@ -8,7 +8,7 @@ from .._errors import DataError
 from .._types import AnyArray, Int
 from ._likelihood import chance, density, nonnegative, scoring, several_starts
 from ._observed import Observed
-from ._ordinates import LINE, Bins, find_lines
+from ._ordinates import Bins, find_lines
 from ._terms import Filter, Term
 
 FILTER = Filter.name
@@ -46,11 +46,6 @@ class Solved(NamedTuple):
     lines: AnyArray
     fitted: Fitted
     columns: tuple[Term, ...]
-
-    @property
-    def taken(self) -> AnyArray:
-        """Whether each bin is reported as a spectral line."""
-        return self.lines >= LINE
 
     @property
     def names(self) -> tuple[str, ...]:

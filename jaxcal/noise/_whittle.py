@@ -16,7 +16,7 @@ from ._likelihood import density, information, inverse
 from ._limits import PRESENT, Limits, levels_of, profile_limits
 from ._measured import edf_of
 from ._observed import Observed, Regressors
-from ._ordinates import amplitudes
+from ._ordinates import LINE, amplitudes
 from ._record import Asked, Record
 from ._result import FittedSpectrum, NoiseFit, assemble, with_edf
 from ._rival import Rival, rival_of
@@ -85,7 +85,9 @@ def _with_changes(plain: list[Described], base: tuple[Term, ...], asked: Asked, 
     columns = lowest_of(n, dt, plain[0].solved.columns)
     axes = [Axis(one.observed.drawn, columns, one.solved.fitted.theta * one.solved.bins.unit, slow, walk) for one in plain]
     joints = [0.5 * (first + last) * dt for first, last in record.aside or ()]
-    changes = find_changes(axes, dt, joints, _recorded(record.temperature))
+    warmth = record.temperature
+    known = warmth is not None and np.all(np.isfinite(warmth)) and np.ptp(warmth) > 0.0
+    changes = find_changes(axes, dt, joints, np.asarray(warmth, dtype=float) if known else None)
     if not changes.fitted:
         return [one._replace(changes=changes) for one in plain]
     functions = [change.columns(np.arange(n) * dt).T for change in changes.fitted]
@@ -96,12 +98,6 @@ def _with_changes(plain: list[Described], base: tuple[Term, ...], asked: Asked, 
         observed = one.observed.beside(regressors)
         found.append(one._replace(observed=observed, solved=solve(observed, base, asked.band, one.solved), changes=changes))
     return found
-
-
-def _recorded(temperature: AnyArray | None) -> AnyArray | None:
-    """The temperature at the samples; None if it is unknown or constant."""
-    known = temperature is not None and np.all(np.isfinite(temperature)) and np.ptp(temperature) > 0.0
-    return np.asarray(temperature, dtype=float) if known else None
 
 
 def _result(model: Described, asked: Asked, sensor: str) -> NoiseFit:
@@ -149,11 +145,12 @@ def _uncertainty(solved: Solved, widened: AnyArray, confidence: float) -> tuple[
 
 def _beside(limits: Limits, own: list[str], rival: Rival) -> tuple[Limits, list[str]]:
     """Limits of terms that hold under the rival too, and the terms that are hints at most, because it is another spectrum."""
-    if rival.white:
-        limits = limits.reaching(own.index("N"), *rival.white)
-    slow = np.isin(own, ("B", "K"))
-    doubts = [name for name, doubtful in zip(own, slow & rival.other & (limits.significance > PRESENT), strict=True) if doubtful]
-    return limits._replace(low=limits.low * np.where(slow, rival.left, 1.0)), doubts
+    low, high, upper = rival.white or (np.inf, 0.0, 0.0)
+    white, slow = np.isin(own, "N"), np.isin(own, ("B", "K"))
+    doubts = [name for name, rise in zip(own, limits.significance * slow, strict=True) if rival.left == 0.0 and rise > PRESENT]
+    low = np.where(white, np.minimum(limits.low, low), limits.low * np.where(slow, rival.left, 1.0))
+    high, upper = (np.where(white, np.maximum(one, other), one) for one, other in ((limits.high, high), (limits.upper, upper)))
+    return Limits(low, high, upper, limits.significance), doubts
 
 
 def _said(fit: NoiseFit, model: Described, wider: Widening, rival: Rival, doubts: list[str], sensor: str) -> tuple:
@@ -175,7 +172,7 @@ def _lines(model: Described) -> list[tuple[float, float]]:
     """(amplitude, frequency in Hz) of the spectral lines in the band."""
     solved = model.solved
     lines = amplitudes(
-        solved.bins, solved.taken, density(solved.bins.columns, solved.fitted.theta), len(model.observed.y) * model.observed.dt
+        solved.bins, solved.lines >= LINE, density(solved.bins.columns, solved.fitted.theta), len(model.observed.y) * model.observed.dt
     )
     return [line for line in lines if line[1] <= solved.end]
 
@@ -183,7 +180,7 @@ def _lines(model: Described) -> list[tuple[float, float]]:
 def _fitted_spectrum(solved: Solved) -> FittedSpectrum:
     """Bins of the record and the model there. Bins without an ordinate and those of spectral lines are left out."""
     bins = solved.bins
-    kept = (bins.weight > 0) & (bins.density > 0) & ~solved.taken
+    kept = (bins.weight > 0) & (bins.density > 0) & (solved.lines < LINE)
     model = density(solved.fitted.bins.columns, solved.fitted.theta)
     used = solved.fitted.bins.weight > 0
     frequency, level, model, edf, used = (
