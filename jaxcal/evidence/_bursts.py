@@ -95,8 +95,9 @@ class _Record:
         self.columns = [column - np.median(column[:: len(column) // SAMPLE + 1]) for column in self.columns if len(column)]
         self.steps = [resolution(column) for column in self.columns]
         # where the step of the values hides the noise, so that most readings equal the one before, nothing smaller is an event
-        hidden = [step > 0.0 and np.mean(column[1:] == column[:-1]) > HIDDEN for step, column in zip(self.steps, self.columns, strict=True)]
-        self.hidden = np.where(hidden, self.steps, 0.0)
+        sizes = [np.abs(np.diff(column)) for column in self.columns]  # the smallest: the step is not known where changes are few
+        smallest = [np.min(size, where=size > 0.0, initial=np.inf) for size in sizes]
+        self.hidden = np.where([np.count_nonzero(size) < (1.0 - HIDDEN) * len(size) for size in sizes], smallest, 0.0)
         self.longest = min(round(LONGEST * rate * len(self.index) / max(self.size, 1)), len(self.index) // (2 * _PAIRS))
         self._sum()
         self.room = np.empty((len(self.columns), len(self.index)))  # for the looks of any lag

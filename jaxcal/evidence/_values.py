@@ -64,15 +64,14 @@ def held(values: Any) -> np.ndarray:
     count = np.count_nonzero(repeats)
     if count < 3:
         return out
-    # of the rows with a new reading, the share in which an axis is equal by chance, and all of them
+    # half of the repeats, less three: more than chance makes of as many rows with a new reading if each axis stays by its own share
     fresh, partly = len(repeats) - count, np.array([np.count_nonzero(one) - count for one in equal])
-    chance = 0.0
-    for _ in range(20):
-        chance = (fresh + chance) * float(np.prod((partly + chance) / max(fresh + chance, 1.0)))
+    half = 0.5 * (count - 3)
+    chance = (fresh + half) * float(np.prod((partly + half) / max(fresh + half, 1.0)))
     starts, stops = runs(repeats)
     ends = np.concatenate([starts[starts > 0] - 1, stops[stops < len(repeats)]])
     usual = np.count_nonzero(changed) / max(fresh, 1)
-    if count < 2 * chance + 3 or not usual > 0.0 or np.mean(changed[ends]) < _ALL_CHANGE * usual:
+    if chance > half or not usual > 0.0 or np.mean(changed[ends]) < _ALL_CHANGE * usual:
         return out
     out[1:] = repeats
     # a long run among short ones counts only if it begins and ends with new readings: else a coarse sensor lies still

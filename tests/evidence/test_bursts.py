@@ -21,9 +21,9 @@ def seconds(found, rate=RATE):
     return [(first / rate, last / rate) for first, last in found]
 
 
-@pytest.mark.parametrize("first", range(0, 16, 4))
-def test_noise_has_no_evidence(first):
-    for seed in range(first, first + 4):
+@pytest.mark.parametrize("seeds", [range(4), range(4, 8), range(8, 12), (*range(12, 16), 68)])  # 68: values that hardly ever change
+def test_noise_has_no_evidence(seeds):
+    for seed in seeds:
         y, rate, kind = records.clean(seed, 200_000)
         assert [one.kind for one in find({"gyro": y}, rate) if one.kind != "coarse"] == [], (seed, kind)
 
@@ -39,10 +39,7 @@ def test_false_alarms_are_rare():
 def test_a_knock_is_found_where_it_is(height, length, where):
     rate, y, known = records.disturbed(7, height, length, where)
     found = seconds(bursts(y, rate), rate)
-    assert len(found) == len(known)
-    for (start, stop), (first, last) in zip(known, found, strict=True):
-        assert first == pytest.approx(start, abs=0.5)
-        assert last == pytest.approx(stop, abs=0.5)
+    np.testing.assert_allclose(found, known, rtol=0, atol=0.5)
     assert {one.kind for one in find({"gyro": y}, rate)} == {"knock"}
 
 
@@ -111,8 +108,10 @@ def test_the_slow_and_the_repeated_count_once():
         again[start + 1 : start + 15] = True
     log = jaxcal.Log(None, gyro=packets, rate=RATE)
     np.testing.assert_array_equal(np.isnan(log.usable("gyro")[:, 0]), again)
-    coarse = jaxcal.Log(None, accel=np.round(0.4 * packets), rate=RATE)  # rows are equal by chance
-    assert not {"held", "stuck"} & {one.kind for one in coarse.evidence}
+    few = np.where(np.random.default_rng(9).random((100_000, 3)) < 0.003, 1.0, 0.0)
+    few[5000] = 1.0  # all axes at once among some 900 changes of one
+    for coarse in (np.round(0.4 * packets), few):  # rows are equal by chance
+        assert not {"held", "stuck"} & {one.kind for one in jaxcal.Log(None, accel=coarse, rate=RATE).evidence}
 
 
 def test_coarse_rests_are_neither_held_nor_clipped():
