@@ -44,7 +44,7 @@ def cells(runs):
     for plan in world.PLANS:
         for kind in world.NOISES:
             angle, start, dwell, accel, gyro = world.tables(np.random.default_rng(5), runs, plan, kind, ATTITUDE)
-            places, given = Positions(angle, dwell=dwell, start=start), noises(kind)
+            places, given = Positions(angle, dwell=dwell, start=start, angle_std=0.0), noises(kind)
             bound = crlb(places, ATTITUDE, world.LATITUDE, **given).azimuth_std
             for known in (True, False) if kind == "white" else (True,):
                 begin, inside, errors = time.perf_counter(), [], []
@@ -73,13 +73,13 @@ def raw(runs):
                 dwells = rng.uniform(60, 150, len(angles))
                 stamps, angle, accel, gyro, rests, ideal = world.recording(rng, angles, dwells, kind, ATTITUDE, axes=axes)
                 noise = {name.removesuffix("_noise"): one for name, one in given.items()}
-                found = from_log(jaxcal.Log(stamps, accel=accel, gyro=gyro), angle=angle if known else None, noise=noise)
+                found = from_log(jaxcal.Log(stamps, accel=accel, gyro=gyro), angle=angle if known else None, noise=noise, angle_std=0.0)
                 lost.append((np.sum(rests[:, 1] - rests[:, 0]) - np.sum(found.stop - found.start)) / 50 / len(rests))
                 got = found.fit(world.LATITUDE)
                 words = ("x",) if axes == 1 else ("x", "y", "fixed z")
                 times = (rests[:, 1] - rests[:, 0]) / 50, rests[:, 0] / 50
                 # angles from the gyroscope are as uncertain for the ideal means as for the log
-                exact = np.repeat(angles * world.DEG, axes), None
+                exact = np.repeat(angles * world.DEG, axes), 0.0
                 place, doubt = exact if known else (found.readings.positions.angle, found.readings.positions.angle_std)
                 places = Positions(place, words * len(angles), *(np.repeat(x, axes) for x in times), angle_std=doubt)
                 means = Readings(places, *(mean.ravel() for mean in ideal), **given)
@@ -91,47 +91,56 @@ def raw(runs):
             print(f"{kind:6s} {mode:30s} {rms}   {cover}   {np.abs(differences).max():.2f}   {np.mean(lost):.2f} s cut off", flush=True)
 
 
+PLACES = {name: world.PLANS[name] for name in ("4 x 120 s", "8 mirrored x 60 s")} | {"8 in pairs x 60 s": world.PAIRS}
+FAULTS = {"tilt 41 arcsec": {"tilt": 41 / 3600 * world.DEG}} | {
+    f"angles off by {size} deg": {"encoder": size * world.DEG} for size in (0.05, 0.1)
+}  # fmt: skip
+
+
+def lacking(run, plan, name, known=True, inside=True):
+    """Result of a raw log with a drift or a fault, and the error of roll, pitch and azimuth."""
+    rng = np.random.default_rng([run, 31])
+    attitude = np.array([1.0, 2.0, rng.uniform(-180, 180)]) * world.DEG
+    angles, dwell = PLACES[plan]
+    options = {"rate": 10.0, "drift": world.DRIFTS.get(name), **FAULTS.get(name, {})}
+    stamps, angle, accel, gyro, _, _ = world.recording(rng, angles, [dwell] * len(angles), "white", attitude, **options)
+    noise = {key.removesuffix("_noise"): one for key, one in noises("white").items()} if known else None
+    made = from_log(jaxcal.Log(stamps, accel=accel, gyro=gyro), angle=angle, noise=noise)
+    made = made if inside else dataclasses.replace(made, readings=dataclasses.replace(made.readings, parts=None))
+    found = made.fit(world.LATITUDE)
+    numbers = [found.estimate[one] for one in NAMES]
+    return found, [abs((one.value - true + np.pi) % (2 * np.pi) - np.pi) for one, true in zip(numbers, attitude, strict=True)]
+
+
 def lacks(runs):
-    print(f"{runs} raw logs each, white noise; in %: azimuth given, held or withheld; roll, pitch held; named and not good; good; azimuth "
-          "held or named; all three held or named; rmse of the azimuths given over the bound without a drift; half of the 95 % interval of "
-          "azimuth in degrees, of roll in arcsec")  # fmt: skip
-    plans = {name: world.PLANS[name] for name in ("4 x 120 s", "8 mirrored x 60 s")} | {"8 in pairs x 60 s": world.PAIRS}
-    cases = [(plan, kind, {}, True, True) for plan in plans for kind in world.DRIFTS]
-    cases += [("4 x 120 s", kind, {}, True, False) for kind in ("none", "linear", "exponential", "step")]
-    cases += [("4 x 120 s", kind, {}, False, True) for kind in ("none", "linear")]
-    faults = {"tilt 41 arcsec": {"tilt": 41 / 3600 * world.DEG}} | {
-        f"angles off by {size} deg": {"encoder": size * world.DEG} for size in (0.05, 0.1)
-    }  # fmt: skip
-    cases += [("4 x 120 s", name, fault, known, True) for name, fault in faults.items() for known in (True, False)]
+    print(f"{runs} raw logs each, white noise; in %: azimuth given; roll, pitch, azimuth held or withheld; named and not good; good; roll, "
+          "pitch, azimuth held or named; all three; rmse of the azimuths given over the bound without a drift; half of the interval of "
+          "azimuth in degrees, of roll and pitch in arcsec")  # fmt: skip
+    cases = [(plan, kind, True, True) for plan in PLACES for kind in world.DRIFTS]
+    cases += [("4 x 120 s", kind, True, False) for kind in ("none", "linear", "exponential", "step")]
+    cases += [("4 x 120 s", kind, False, True) for kind in ("none", "linear")]
+    cases += [("4 x 120 s", name, known, True) for name in FAULTS for known in (True, False)]
+    cases += [("8 in pairs x 60 s", name, True, True) for name in FAULTS]
     bound = world.GYRO[0] * np.sqrt(2 / 480.0) / (world.EARTH * np.cos(world.LATITUDE))
-    for plan, name, fault, known, inside in cases:
-        given, held, off, half, codes, good = [], [], [], [], [], 0
+    for plan, name, known, inside in cases:
+        given, held, off, half, named, good = [], [], [], [], [], 0
         for run in range(runs):
-            rng = np.random.default_rng([run, 31])
-            attitude = np.array([1.0, 2.0, rng.uniform(-180, 180)]) * world.DEG
-            angles, dwell = plans[plan]
-            stamps, angle, accel, gyro, _, _ = world.recording(
-                rng, angles, [dwell] * len(angles), "white", attitude, rate=10.0, drift=world.DRIFTS.get(name), **fault
-            )  # fmt: skip
-            noise = {key.removesuffix("_noise"): one for key, one in noises("white").items()} if known else None
-            made = from_log(jaxcal.Log(stamps, accel=accel, gyro=gyro), angle=angle, noise=noise)
-            made = made if inside else dataclasses.replace(made, readings=dataclasses.replace(made.readings, parts=None))
-            found = made.fit(world.LATITUDE)
+            found, errors = lacking(run, plan, name, known, inside)
             numbers = [found.estimate[one] for one in NAMES]
-            errors = [abs((one.value - true + np.pi) % (2 * np.pi) - np.pi) for one, true in zip(numbers, attitude, strict=True)]
             given.append(numbers[2].state != "open")
             held.append([one.state == "open" or error <= one.half for one, error in zip(numbers, errors, strict=True)])
             off.append(errors[2])
-            half.append([numbers[2].half, numbers[0].half])
-            codes.append(found.verdict != "good" and bool({"drift", "drift_open", "tilt", "misfit"} & found.codes))
+            half.append([one.half for one in numbers])
+            named.append(found.verdict != "good" and bool({"drift", "drift_open", "tilt", "misfit"} & found.codes))
             good += found.verdict == "good"
-        share, level = 100 * np.mean(held, axis=0), np.rad2deg(np.nanmedian(half, axis=0))
+        held, named, level = np.array(held), np.array(named), np.rad2deg(np.nanmedian(half, axis=0))
         rmse = np.sqrt(np.mean(np.square(np.array(off)[given]))) / bound if any(given) else np.nan
         where = ("" if inside else ", table alone") + ("" if known else ", noise not given")
-        named, azimuth, every = (100 * np.mean(np.array(codes) | one) for one in (False, np.array(held)[:, 2], np.all(held, axis=1)))
-        print(f"{plan}, {name}{where}: {100 * np.mean(given):.0f}, {share[2]:.0f}; {share[0]:.0f}, {share[1]:.0f}; {named:.0f}; "
-              f"{100 * good / runs:.0f}; {azimuth:.0f}; {every:.0f}; {rmse:.2f}; {level[0]:.3f}, {3600 * level[1]:.1f}",
-              flush=True)  # fmt: skip
+        either = held | named[:, None]
+        share = [", ".join(f"{100 * x:.0f}" for x in np.mean(one, axis=0)) for one in (held, either)]
+        print(f"{plan}, {name}{where}: {100 * np.mean(given):.0f}; {share[0]}; {100 * np.mean(named):.0f}; {100 * good / runs:.0f}; "
+              f"{share[1]}; {100 * np.mean(np.all(either, axis=1)):.0f}; {rmse:.2f}; {level[2]:.3f}; {3600 * level[0]:.1f}, "
+              f"{3600 * level[1]:.1f}", flush=True)  # fmt: skip
 
 
 PARTS = {"cells": cells, "raw": raw, "lacks": lacks}

@@ -197,7 +197,7 @@ def _solved(readings: Readings, gravity: Any, noise: dict[str, Any], o: _Options
     guess = with_values(o.model, [xp.asarray(first[name], dtype=dtype) for name in o.names])
     bounds = with_values(o.model, low), with_values(o.model, high)
     # iterate, because errors of the table angles act through the slope of the readings, which depends on the solution
-    for _ in range(1 if readings.positions.angle_std is None else _ROUNDS):
+    for _ in range(_ROUNDS if readings.positions.doubtful else 1):
         table = with_angle_errors(table, guess, readings.positions, gravity, readings.lever_arm)
         found = solve(residuals, guess, table, bounds=bounds, rtol=SMALL)
         guess = jax.tree.map(jax.lax.stop_gradient, found.model) if xp is jnp else jax.tree.map(np.asarray, found.model)

@@ -13,13 +13,14 @@ from .._special import chi_square_tail
 from ..fitting import Estimate
 from ..fitting._missing import LEVEL, Missing, missing
 from ._findings import FINDINGS, has_number
-from ._model import Table, residuals, tabulate, with_angle_errors, with_values
+from ._model import Table, residuals, tabulate, turned, with_angle_errors, with_values
 from ._noise import SENSORS
 from ._positions import EARTH_RATE, ROUNDING, SMALL, Readings, wrap
 from ._result import AlignmentFit, sizes_of
 
 _DEG_PER_HOUR = np.deg2rad(1.0) / 3600
-_ENCODER = np.deg2rad(0.1)  # errors of a plain encoder or of angles set by hand
+#: standard deviations of the table's angles, from exact ones to those set by hand: equally probable where none is given
+_ENCODER = np.deg2rad([0.0, 0.02, 0.05, 0.1, 0.2])
 _OPPOSITE = 0.1  # rad: positions this close to a half turn apart are a pair
 _PASSES = 2  # of the linear search for terms: about the answer without them, and about that with them
 (_MISFIT,) = FINDINGS["misfit"].limits
@@ -41,7 +42,7 @@ def checked(
     spare : sensor -> degrees of freedom of its residuals.
     refit : (readings, start) -> fit of these readings, without such a look; a sensor without a noise takes that of its residuals.
     """
-    said = _order(found) + _exact(found)
+    said = _order(found)
     if not found.noise_known or not has_number(found.outcome) or np.any(found.lost):
         return dataclasses.replace(found, findings=(*found.findings, *said))
     first, readings, look = found, found.readings, _Look(found, table, gravity, noise)
@@ -68,6 +69,12 @@ def checked(
     if np.any(effect):
         less = {name: own - more for name, more in zip(SENSORS, effect, strict=True) if (own := getattr(readings, name)) is not None}
         found = refit(dataclasses.replace(readings, **less), begin)
+    if readings.positions.angle_std is None:
+        more = look.angles()
+        allowed, size = allowed + more, np.sqrt(np.diag(more)[:3])
+        level, azimuth = Quantity(math.hypot(*size[:2]), "angle"), Quantity(float(size[2]), "angle")
+        ratio = np.max(size / np.sqrt(np.maximum(np.diag(found.covariance)[:3], ROUNDING**2)))
+        said += FINDINGS.over("angles_open", ratio, level=level, azimuth=azimuth)
     own, wide = found.estimate, found.estimate
     if "misfit" in found.codes:
         off = [name for name in spare if _log_tail(getattr(found, f"{name}_residual"), spare[name]) < np.log((1 - _MISFIT) / len(SENSORS))]
@@ -83,6 +90,7 @@ class _Look:
     ----------
     values : (p,) parameters, with the terms that were found. free : places of those that are estimated.
     data : readings without these terms. terms : sensor -> term -> (2, n, q) its effect on these. rests : number of rests.
+    turned : (2, n, rests) effect of an error of the angle of each rest, per rad.
     """
 
     def __init__(self, found: AlignmentFit, table: Table, gravity: Any, noise: dict[str, Any]):
@@ -92,6 +100,9 @@ class _Look:
         self.sizes = np.asarray(sizes_of(found.names, gravity, readings.positions))
         self.terms, self.rests = _terms(found, parts, gravity), len(np.unique(readings.positions.start))
         data = tabulate(parts, gravity, list(noise.values()), table.prior, table.certainty)
+        rest = np.searchsorted(np.unique(readings.positions.start), np.asarray(parts.positions.start) + SMALL) - 1
+        each = np.stack(turned(found.model, parts.positions, gravity, parts.lever_arm))
+        self.turned = each[:, :, None] * np.eye(self.rests)[rest]
         self.data = with_angle_errors(data, found.model, parts.positions, gravity, parts.lever_arm)
 
     def _less(self, effect: np.ndarray) -> Table:
@@ -110,10 +121,8 @@ class _Look:
         """
         terms, best = self.terms[sensor], None
         for _ in range(_PASSES):
-            rows, steps = self._rows(self.values), np.diag(SMALL * self.sizes)[self.free]
-            slope = np.stack([(self._rows(self.values + h) - self._rows(self.values - h)) / (2 * h.max()) for h in steps], axis=1)
-            moved = lambda one, rows=rows: self._rows(self.values, self._less(-one)) - rows  # noqa: E731
-            made = {name: np.stack([moved(one) for one in np.moveaxis(effect, 2, 0)], axis=1) for name, effect in terms.items()}
+            rows, slope = self._rows(self.values), self._slope()
+            made = {name: self._moved(effect, rows) for name, effect in terms.items()}
             tried = [one for one in missing(rows, slope, made, 1.0) if np.all(np.isfinite(one.covariance))]
             none = max(0.0, np.log(LEVEL / max(len(terms), 1)) - scattered)
             odds = np.array([none, *(np.log(LEVEL) - one.log_level for one in tried)])
@@ -129,6 +138,27 @@ class _Look:
         if at and best is not None:
             self.data = self._less(terms[best.name] @ best.coefficient)
         return best if at else None, allowed
+
+    def _slope(self) -> np.ndarray:
+        """Derivative of the whitened residuals by the free parameters."""
+        steps = np.diag(SMALL * self.sizes)[self.free]
+        return np.stack([(self._rows(self.values + h) - self._rows(self.values - h)) / (2 * h.max()) for h in steps], axis=1)
+
+    def _moved(self, effect: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """Change of the whitened residuals by effects (2, n, q), (rows, q)."""
+        return np.stack([self._rows(self.values, self._less(-one)) - rows for one in np.moveaxis(effect, 2, 0)], axis=1)
+
+    def angles(self) -> np.ndarray:
+        """(p, p) what errors of the table's angles add to the covariance, by what the residuals leave possible."""
+        rows, slope = self._rows(self.values), self._slope()
+        made = self._moved(self.turned, rows)
+        change, basis = np.zeros((len(self.values), self.rests)), np.linalg.qr(slope)[0]
+        change[self.free] = np.linalg.lstsq(slope, made)[0]
+        shapes, size, _ = np.linalg.svd(made - basis @ (basis.T @ made), full_matrices=False)
+        larger = 1 + np.multiply.outer(_ENCODER**2, size**2)
+        likely = -np.sum(np.log(larger) + (shapes.T @ rows) ** 2 / larger, axis=1) / 2
+        share = np.exp(likely - likely.max())
+        return share @ _ENCODER**2 / share.sum() * change @ change.T
 
     def left(self) -> float:
         """Logarithm of the probability of larger residuals."""
@@ -179,17 +209,6 @@ def _order(found: AlignmentFit) -> list[Finding]:
     now, then = _sensitivity(angle, time, axis), _sensitivity(order, np.arange(len(order)), 0 * order)
     size = Quantity(now / float(np.cos(found.latitude)), "angle")
     return FINDINGS.over("drift_order", now / then, size=size, order=", ".join(f"{round(x, 1):g}" for x in np.rad2deg(order)))
-
-
-def _exact(found: AlignmentFit) -> list[Finding]:
-    """What errors of the table's angles would do that are not given."""
-    places, known = found.readings.positions, found.parameters
-    if places.angle_std is not None or not found.noise_known or None in (known.get("phi"), known.get("theta")):
-        return []
-    each = _ENCODER / np.sqrt(len(np.unique(places.start)))
-    level, azimuth = np.hypot(found.phi, found.theta) * each, each * ("psi" in known)
-    ratio = max(level / max(found.std["phi"], found.std["theta"]), azimuth / max(found.std.get("psi", np.inf), ROUNDING))
-    return FINDINGS.over("angles_exact", ratio, level=Quantity(float(level), "angle"), azimuth=Quantity(float(azimuth), "angle"))
 
 
 def there_and_back(angle: np.ndarray) -> np.ndarray:

@@ -303,16 +303,21 @@ def tabulate(readings: Readings, gravity: Any = GRAVITY, noise: Any = None, prio
     return in_one_type(table, values[0].dtype if readings.accel is not None else values[1].dtype)
 
 
+def turned(model: Any, places: Positions, gravity: Any, lever_arm: Any) -> tuple[AnyArray, AnyArray]:
+    """Derivative of the readings of accelerometer and gyro by the table's angle, (n,) each."""
+    # readings are first harmonics of the angle: their slope is half the difference between a quarter turn on and one back
+    quarters = (dataclasses.replace(places, angle=places.angle + turn * np.pi / 2) for turn in (1, -1))
+    (up, right), (down, left) = (model.measure(geometry(one, gravity, lever_arm)) for one in quarters)
+    return (up - down) / 2, (right - left) / 2
+
+
 def with_angle_errors(table: Table, model: Any, positions: Positions, gravity: Any, lever_arm: Any) -> Table:
     """Add to the data the covariance caused by errors of the table angles, linearised at a model near the solution."""
-    if positions.angle_std is None:
+    if not positions.doubtful:
         return table
     xp = array_module(table, model, positions, gravity, lever_arm)
     places, n = padded(positions), table.accel.size
-    # readings are first harmonics of the table's angle: their slope is half the difference between a quarter turn on and one back
-    turned = (dataclasses.replace(places, angle=places.angle + turn * np.pi / 2) for turn in (1, -1))
-    moved = [model.measure(geometry(one, gravity, lever_arm)) for one in turned]
-    slope = [(up - down) / 2 for up, down in zip(*moved, strict=True)]
+    slope = turned(model, places, gravity, lever_arm)
     spread = xp.asarray(positions.angle_std)
     spread = xp.diag(spread**2) if spread.ndim == 1 else spread
     more = n - len(positions)

@@ -78,7 +78,8 @@ class Positions(eqx.Module):
     rate, acceleration : rate and acceleration of the table during the dwell, rad/s and rad/s^2, one number or (n,).
     width : sector of table angle that a turning table covers during the dwell, rad; 0 for a table at rest.
     angle_std : uncertainty of the table angles, rad: standard deviation of independent errors, one number or (n,), or covariance (n, n)
-        in rad^2; None for exact angles. An error common to all positions is an error of the azimuth itself.
+        in rad^2; 0 for exact angles. None leaves it open: the intervals of `fit` allow for what the residuals do not exclude, up to 0.2
+        degrees, and `crlb` and `plan` take exact angles. An error common to all positions is an error of the azimuth itself.
 
     Examples
     --------
@@ -127,6 +128,11 @@ class Positions(eqx.Module):
 
     def __len__(self) -> int:
         return len(self.mounting)
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether there are errors of the angles with a given size."""
+        return self.angle_std is not None and (is_traced(self.angle_std) or bool(np.any(self.angle_std)))
 
     @property
     def axes(self) -> np.ndarray:

@@ -27,8 +27,7 @@ def free_of(free: Any, priors: Any, positions: Positions, latitude: Any, sensors
     priors = priors or {}
     if free is None:
         names = {*_ALWAYS, *(("s_a", "s_g") if {"z", "-z"} & set(positions.mounting) else ()), *(n for n in _OTHER_AXES if n in known)}
-        for there, needed in zip(sensors, NEEDED.values(), strict=True):
-            names -= set() if there else set(needed)
+        names -= {name for there, needed in zip(sensors, NEEDED.values(), strict=True) if not there for name in needed}
     else:
         names = {free} if isinstance(free, str) else set(free)
         for (sensor, needed), there in zip(NEEDED.items(), sensors, strict=True):

@@ -80,7 +80,7 @@ def from_log(
     angles: Numbers | None = None,
     noise: NoiseLike | None = None,
     axis: str = "x",
-    angle_std: Numbers = 0.0,
+    angle_std: Numbers | None = None,
     gyro_scale: float | int = 1e-3,
     least: float | int = 5.0,
 ) -> TableLog:
@@ -101,7 +101,7 @@ def from_log(
     angles : (k,) table angle of every rest in order, rad.
     noise : noise of the device for `noise_of`; None lets the fit estimate it from the residuals.
     axis : device axis of the sensor, to select from `noise`, if the log has one axis.
-    angle_std : standard deviation of each angle given by the log or the caller, rad.
+    angle_std : standard deviation of each angle given by the log or the caller, rad; None leaves it open, see `Positions`.
     gyro_scale : standard deviation of the gyroscope's scale factor, used if the angles come from its integral.
     least : shortest rest, s.
 
@@ -200,9 +200,8 @@ def _moves(samples: dict[str, np.ndarray], start: np.ndarray, stop: np.ndarray, 
     aside = np.linalg.norm(good - (good @ axis)[:, None] * axis, axis=1)
     if np.any(aside > _ASIDE * size.max() + _NO_MOVE):
         worst = int(np.argmax(aside))
-        said = f"The moves turn about different axes: one of {np.rad2deg(size[worst]):.3g} degrees is off the axis of the others by "
-        said += f"{np.rad2deg(aside[worst]):.3g} degrees. jaxcal north takes a table that turns about one axis: apply the calibration of "
-        raise DataError(said + "the IMU first, or use jaxcal imu.", code="axes_of_moves")
+        said = f"The moves turn about different axes: one is {np.rad2deg(aside[worst]):.3g} degrees off the axis of the others. Apply the "
+        raise DataError(f"{said}calibration of the IMU first, or use jaxcal imu.", code="axes_of_moves")
     accel = samples.get("accel")
     if accel is not None and accel.shape[1] == 3:
         force = _means(accel, start, stop)
@@ -219,8 +218,8 @@ def _moves(samples: dict[str, np.ndarray], start: np.ndarray, stop: np.ndarray, 
 def _angles(
     samples: dict[str, np.ndarray], recorded: np.ndarray | None, given: Any, turns: np.ndarray | None, start: np.ndarray,
     stop: np.ndarray, rate: float, scale: float, angle_std: Any, notes: list[Finding],
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Table angle of each rest, and the covariance of the angle errors."""
+) -> tuple[np.ndarray, np.ndarray | None]:  # fmt: skip
+    """Table angle of each rest, and the covariance of the angle errors, if it is known."""
     count = len(start)
     if given is not None:
         angle = np.asarray(given, dtype=float)
@@ -241,12 +240,8 @@ def _angles(
         notes.append(FINDINGS("angles_of_gyro", ppm=1e6 * scale))
         return angle, scale**2 * np.outer(angle, angle) + np.minimum.outer(walk, walk)
     else:
-        raise DataError(
-            Message(
-                "Nothing tells the table's angle on its {count} rests: there is neither a column with it nor a gyroscope with three axes. "
-                "Give the angles of the rests in order with {option.angles}.", count=count,
-            ), code="no_angles",
-        )  # fmt: skip
+        said = "Nothing tells the table's angle on its {count} rests. Give the angles of the rests in order with {option.angles}."
+        raise DataError(Message(said, count=count), code="no_angles")
     if turns is not None and np.isfinite(turns).all():
         moved = np.diff(angle)
         off, other = (distance(sign * moved, turns) for sign in (1, -1))
@@ -255,13 +250,9 @@ def _angles(
             notes.append(FINDINGS("angle_turned"))
         elif off.max() > _DIFFER:
             worst = int(np.argmax(off))
-            said = f"The angles contradict the gyroscope: between rests {worst + 1} and {worst + 2} the table turned by "
-            said += (
-                f"{np.rad2deg(turns[worst]):.4g} degrees, and the angles differ by {np.rad2deg(moved[worst]):.4g}. Check angles and units."
-            )
-            raise DataError(said, code="angles")
-    sigma = np.broadcast_to(np.asarray(angle_std, dtype=float), (count,))
-    return angle, np.diag(sigma**2)
+            said, (own, other) = f"Between rests {worst + 1} and {worst + 2} the", np.rad2deg([turns[worst], moved[worst]])
+            raise DataError(f"{said} gyroscope turned by {own:.4g} degrees, the angles by {other:.4g}. Check units.", code="angles")
+    return angle, None if angle_std is None else np.asarray(angle_std, dtype=float) ** 2 * np.eye(count)
 
 
 def _white(x: np.ndarray, rate: float) -> np.ndarray:
@@ -273,7 +264,7 @@ def _white(x: np.ndarray, rate: float) -> np.ndarray:
 
 def _gathered(
     samples: dict[str, np.ndarray], start: np.ndarray, stop: np.ndarray, time: np.ndarray, rate: float, angle: np.ndarray,
-    spread: np.ndarray, frame: np.ndarray, told: dict[str, Any], notes: list[Finding],
+    spread: np.ndarray | None, frame: np.ndarray, told: dict[str, Any], notes: list[Finding],
 ) -> TableLog:  # fmt: skip
     """Collect the means of every rest and axis as readings, with the model, its free parameters and priors."""
     words = ("x", "y", "fixed z") if _three(samples) else ("x",)
@@ -292,7 +283,7 @@ def _gathered(
         rows = np.repeat(np.eye(len(angle))[rest], len(words), axis=0)
         places = Positions(
             np.repeat(angle[rest], len(words)), words * len(start), np.repeat((stop - start) / rate, len(words)),
-            np.repeat(time[start], len(words)), angle_std=rows @ spread @ rows.T if spread.any() else None,
+            np.repeat(time[start], len(words)), angle_std=None if spread is None else rows @ spread @ rows.T,
         )  # fmt: skip
         return Readings(places, *(None if name not in values else values[name].ravel() for name in ("accel", "gyro")), **told, **more)
 

@@ -27,7 +27,8 @@ class TableOptions:
     angles
         Raw log: table angle in degrees of every rest in order, as 0,90,180,270.
     angle_std
-        Standard deviation of each table angle in degrees.
+        Standard deviation of each table angle in degrees, 0 for exact angles; without it, the intervals allow for what the residuals leave
+        open.
     gyro_scale
         Raw log: standard deviation of the gyroscope's scale factor in ppm, used if its integral gives the angles.
     least
@@ -36,7 +37,7 @@ class TableOptions:
 
     angle_column: str | None = None
     angles: tuple[str, ...] | None = None
-    angle_std: float = 0.0
+    angle_std: float | None = None
     gyro_scale: float = 1000.0
     least: float = 5.0
 
@@ -82,6 +83,7 @@ def north(
         ("plot", "", figure(lambda plot, found, _: plot.north(found.readings, found))),
     ]  # fmt: skip
     place = None if latitude is None else math.radians(latitude)
+    doubt = None if table.angle_std is None else math.radians(table.angle_std)
     angles = None if table.angles is None else _angles(",".join(table.angles))
     options: dict[str, Any] = {
         "priors": _priors(prior), "hemisphere": hemisphere, "gravity": STANDARD_GRAVITY if gravity is None else gravity,
@@ -112,14 +114,13 @@ def north(
         known |= {f"{name}_noise": one for name, one in told.items()}
         if positions:
             values = data.values
-            error = {"angle_std": math.radians(table.angle_std)} if table.angle_std else {}
-            places = Positions(values["angle"], values["mounting"], values["dwell"], values.get("start"), **error)
+            places = Positions(values["angle"], values["mounting"], values["dwell"], values.get("start"), angle_std=doubt)
             if azimuth is not None and "free" not in options:
                 options["free"] = [*(("phi", "theta", "b_a") if "accel" in values else ()), "b_g", "s_g"]
             return fit(Readings(places, values.get("accel"), values.get("gyro"), **known), place, **options)
         held = {name.removesuffix("_noise"): one for name, one in known.items() if one is not None}
         found = from_log(
-            data, angle=column[0], angles=angles, noise=held or None, axis=axis, angle_std=math.radians(table.angle_std),
+            data, angle=column[0], angles=angles, noise=held or None, axis=axis, angle_std=doubt,
             gyro_scale=1e-6 * table.gyro_scale, least=table.least,
         )  # fmt: skip
         if azimuth is not None and "free" not in options:

@@ -184,10 +184,8 @@ def _pauses(rng: np.random.Generator, duration: float, rests: int, still: float,
     share = (duration - initial) / max(rests, 1)
     spare = share - still - BETWEEN
     if initial > duration or (rests and spare < 0):
-        raise DataError(
-            f"{rests} rests of {still:g} s and {initial:g} s at the beginning do not fit in {duration:g} s with {BETWEEN:g} s between "
-            "them: expected fewer or shorter rests, or a longer recording"
-        )
+        said = f"{rests} rests of {still:g} s and {initial:g} s at first, with {BETWEEN:g} s between them, do not fit in {duration:g} s"
+        raise DataError(f"{said}: expected fewer or shorter rests, or a longer recording")
     starts = initial + BETWEEN / 2 + share * np.arange(rests) + spare * rng.uniform(0.2, 0.8, rests) * (rests > 0)
     first = np.array([-10.0]) if initial > 0 else np.empty(0)
     return Pauses(np.concatenate([first, starts]), np.concatenate([first + 10.0 + initial, starts + still]), depth)

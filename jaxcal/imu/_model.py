@@ -114,11 +114,8 @@ class Triad(Model):
         if not is_traced(matrix):
             condition = np.linalg.cond(np.asarray(matrix, dtype=float))
             if not condition <= CONDITION:
-                raise DataError(
-                    f"The matrix has the condition number {condition:.3g}, beyond {CONDITION:g}: the axes do not span space. Calibrate "
-                    "again, or give the right matrix.",
-                    code="singular",
-                )
+                said = f"The matrix has the condition number {condition:.3g}, beyond {CONDITION:g}: the axes span no space. Calibrate again"
+                raise DataError(said, code="singular")
         return (y - offset) @ inverse(matrix).T
 
     def _terms(self, x: Any, accel: Any) -> tuple[AnyArray, AnyArray, AnyArray]:

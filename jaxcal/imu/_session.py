@@ -125,11 +125,8 @@ def _faces(record: Recording, apart: list[Region] | None) -> list[Region]:
         for i, up, (start, stop) in zip(axis[near], size[near], ends[near], strict=True)
     ]
     if missing := sorted({f"{i}_{kind}" for i in "xyz" for kind in "pa"} - {label for label, _, _ in found}):
-        raise DataError(
-            f"The log has no rest on the face {', '.join(missing)} (p up, a down) among {len(ends)} rests; lay the block on each of its "
-            "six faces for 3 s or more",
-            code="missing",
-        )
+        said = f"None of {len(ends)} rests is on the face {', '.join(missing)} (p up, a down); lay the block on its six faces for 3 s each"
+        raise DataError(said, code="missing")
     return found
 
 
@@ -220,11 +217,8 @@ def ferraris(
     for (axis, sign, i, j), reading in zip(sides, readings, strict=True):
         if not sign * (reading - middle)[axis] > 0.5 * reach[axis]:
             side = "up" if sign > 0 else "down"
-            raise DataError(
-                f"Samples {i} to {j} are labelled {'xyz'[axis]} {side}, but read {reading.round(2).tolist()}"
-                f"{'' if raw else ' m/s^2'}. Check label and unit.",
-                code="label",
-            )
+            said = f"Samples {i} to {j} are labelled {'xyz'[axis]} {side}, but read {reading.round(2).tolist()}. Check label and unit."
+            raise DataError(said, code="label")
     rests = rests_of(record, start, stop) if np.all(stop - start >= LEAST_SAMPLES) else None
     # one rest is too short to show its noise well
     noise = None if rests is None else np.average(rests.accel_scatter, axis=0, weights=rests.duration) * np.ones((len(up), 1, 1))
@@ -298,11 +292,9 @@ def _turned(
             raise DataError(said)
         total = rate.sum(axis=0) / record.rate
         if np.argmax(np.abs(total)) != axis or not (raw or 0.7 < abs(total[axis]) / angle < 1.4):
-            raise DataError(
-                f"Samples {i} to {j} are labelled a turn about {'xyz'[axis]} by {np.rad2deg(angle):.4g} degrees, but the gyroscope turned "
-                f"by {np.rad2deg(total).round(1).tolist()} degrees about x, y, z. Check the label, the ends of the region and the unit.",
-                code="label",
-            )
+            said = f"Samples {i} to {j} are labelled a turn about {'xyz'[axis]} by {np.rad2deg(angle):.4g} degrees, but the gyroscope "
+            said += f"turned by {np.rad2deg(total).round(1).tolist()} degrees about x, y, z. Check label and unit."
+            raise DataError(said, code="label")
         sums.append(np.sign(total[axis]) * total)
     return np.array(sums), np.array([turn[0] for turn in turns])
 

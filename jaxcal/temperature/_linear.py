@@ -1,7 +1,7 @@
 """Curves whose fit is linear in the data: polynomial and table."""
 
 import numpy as np
-from numpy.polynomial import chebyshev, polynomial
+from numpy.polynomial import chebyshev
 
 from .._precision import array_module
 from .._types import AnyArray
@@ -24,11 +24,9 @@ def polynomial_curve(bins: Bins, low: float, high: float, degree: int) -> Chebys
 
 def monomials(curve: Chebyshev) -> AnyArray:
     """Convert a Chebyshev series to the coefficients a1, a2, ... of the powers of T, equation (5.3) of the thesis."""
-    centre, half = float(curve.high + curve.low) / 2, float(curve.high - curve.low) / 2
-    powers, total = chebyshev.cheb2poly(curve.coefficients), np.zeros(1)
-    for coefficient in powers[::-1]:
-        total = polynomial.polyadd(polynomial.polymul(total, [-centre / half, 1 / half]), [coefficient])
-    return np.pad(total, (0, max(len(curve.coefficients) - len(total), 0)))[: len(curve.coefficients)]
+    ends = [float(curve.low), float(curve.high)]
+    found = np.polynomial.Chebyshev(np.asarray(curve.coefficients), ends).convert(kind=np.polynomial.Polynomial).coef
+    return np.pad(found, (0, len(curve.coefficients) - len(found)))
 
 
 def powers(curve: Chebyshev, covariance: AnyArray, quantity: str) -> Estimate:

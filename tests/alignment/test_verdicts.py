@@ -131,13 +131,9 @@ def test_without_a_sensor(refuses):
 
 def test_gradients_are_finite_at_double_roots():
     """The gradient is finite even where the arc cosine has an infinite slope."""
-    places = X4
+    chosen = lambda w: azimuth(Readings(X4, gyro=w), jnp.asarray([0.1, 0.2]), 0.6, method="opposed", hint=0.1).psi  # noqa: E731
     for psi in (0.0, np.pi):
-        gyro = jnp.asarray(simulate(places, np.array([0.1, 0.2, psi]), 0.6).gyro)
-
-        def chosen(w):
-            return azimuth(Readings(places, gyro=w), jnp.asarray([0.1, 0.2]), 0.6, method="opposed", hint=0.1).psi
-
+        gyro = jnp.asarray(simulate(X4, np.array([0.1, 0.2, psi]), 0.6).gyro)
         assert np.isfinite(np.asarray(jax.grad(chosen)(gyro))).all()
 
 
@@ -159,29 +155,15 @@ def test_traced_as_on_the_host_and_differentiable(method):
 
 @pytest.mark.parametrize("method", ["opposed", "quadrature", "four_point", "bias_and_scale", "triad"])
 def test_first_order_standard_deviations(method):
-    """For a known level the standard deviations equal the closed forms in section 5 of the method."""
-    phi, theta, psi, lat = np.array([20, -10, 60, 35]) * DEG
-    made = at(20, -10, 60, 35)
-    readings = Readings(EVERY, made.accel, made.gyro, gyro_noise=ARW)
-    found = azimuth(readings, [phi, theta], lat, method=method, hint=psi)
-    sigma = ARW / np.sqrt(60) / 7.292115e-5
-    sf, cf, st, ct, sp, cp, cl = (
-        f(a) for a, f in ((phi, np.sin), (phi, np.cos), (theta, np.sin), (theta, np.cos), (psi, np.sin), (psi, np.cos), (lat, np.cos))
-    )
-    if method == "opposed":
-        assert found.std == pytest.approx(sigma / (np.sqrt(2) * ct * cl * abs(sp)), rel=1e-9)
-    elif method == "quadrature":
-        assert found.std == pytest.approx(sigma / (np.sqrt(2) * cl * abs(sp * st * sf + cp * cf)), rel=1e-9)
-    else:
-        # sum the effects of a small change of each reading, scaled to its standard deviation
-        total = 0.0
-        for i in (*range(4), 10):
-            step = 1e-4 * ARW / np.sqrt(60) * (np.arange(11) == i)
-            up, down = (
-                azimuth(Readings(EVERY, gyro=made.gyro + sign * step), [phi, theta], lat, method=method, hint=psi).psi for sign in (1, -1)
-            )
-            total += ((up - down) / 2e-4) ** 2
-        assert found.std == pytest.approx(np.sqrt(total), rel=1e-5)
+    """For a known level the variance is the sum of the squared effects of each reading's noise."""
+    level_, lat, psi = np.array([20, -10]) * DEG, 35 * DEG, 60 * DEG
+    made, total = at(20, -10, 60, 35), 0.0
+    found = azimuth(Readings(EVERY, made.accel, made.gyro, gyro_noise=ARW), level_, lat, method=method, hint=psi)
+    for i in (*range(4), 10):
+        step = 1e-4 * ARW / np.sqrt(60) * (np.arange(11) == i)
+        up, down = (azimuth(Readings(EVERY, gyro=made.gyro + x), level_, lat, method=method, hint=psi).psi for x in (step, -step))
+        total += ((up - down) / 2e-4) ** 2
+    assert found.std == pytest.approx(np.sqrt(total), rel=1e-5)
 
 
 def test_level_standard_deviations():

@@ -84,6 +84,21 @@ def test_few_poses_of_an_accelerometer_alone_are_held_against_the_scatter_inside
         assert ("scatter_unexplained" in found.codes) == (verdict == "weak")
 
 
+@pytest.mark.parametrize(("poses", "seed", "limit", "verdict", "sensor"), [(18, 2, 140, "weak", "gyro"), (18, 0, 120, "refused", "accel")])
+def test_the_error_where_left_out_is_printed_and_decides(poses, seed, limit, verdict, sensor):
+    """A gyroscope that ends at 140 or 120 deg/s, with noise that hides the end, fits the turns it is fitted to and no others."""
+    stamps, accel, gyro, _ = world.record(seed, poses=poses)
+    gyro = np.clip(gyro, -limit * world.DEGREE, limit * world.DEGREE) + 1e-4 * np.random.default_rng(9).normal(size=gyro.shape)
+    found = jaxcal.imu.multi_position(jaxcal.Log(stamps, accel=accel, gyro=gyro), gravity=world.GRAVITY)
+    told = next(one for one in found.findings if one.code == "held_out")
+    assert (found.verdict, told.subject) == (verdict, (sensor,))
+    place, said = ("accel", "gyro").index(sensor), " ".join(str(found).split())
+    assert told.facts["ratio"] == pytest.approx(found.held_out[place] / found.sigma[place])
+    assert told.facts["ratio"] > 10
+    assert "errors where left out of the fit" in said
+    assert f", {told.facts['ratio']:.0f} times as much as those in it" in said
+
+
 @pytest.mark.parametrize(("coarse", "verdict"), [(True, "good"), (False, "weak")])
 def test_coarse_values_have_rests_and_a_dead_band_hides_a_bias(coarse, verdict):
     """Steps of 15 mg; or a firmware that sets rates below 0.4 deg/s to zero, among them a bias of 0.1 deg/s."""

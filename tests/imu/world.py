@@ -37,6 +37,7 @@ CASES = {
     "creep 0.1 %": {"creep": 1e-3},
     "creep 0.5 %": {"creep": 5e-3},
     "hysteresis": {"hysteresis": 1.2e-3 * GRAVITY},
+    "creep 0.05 %, 12": {"creep": 5e-4, "poses": 12},
     "jump": {"jump": (3e-3 * GRAVITY, 0.05 * DEGREE)},
     "gyro drift": {"gyro_drift": 0.1 * DEGREE},
 }
