@@ -14,7 +14,7 @@ from .._units import STANDARD_GRAVITY
 UP = np.array([0.0, 0.0, STANDARD_GRAVITY])
 _STEP = 0.01  # s between the samples of a motion that is made here
 #: what drives the errors of a sensor, and its number of components: an error is a matrix times these. `lever` is [turn]x + [rate]x^2
-DRIVERS = {"one": 1, "time": 1, "rate": 3, "force": 3, "turn": 3, "jerk": 3, "field": 3, "lever": 9}
+DRIVERS = {"one": 1, "time": 1, "rate": 3, "force": 3, "field": 3, "turn": 3, "jerk": 3, "lever": 9}
 
 #: driver -> its columns among all
 PLACES = dict(zip(DRIVERS, np.split(np.arange(sum(DRIVERS.values())), np.cumsum(list(DRIVERS.values()))[:-1]), strict=True))
@@ -109,13 +109,21 @@ class Motion(eqx.Module):
         level = scipy.spatial.transform.Rotation.align_vectors(UP, up)[0].as_matrix()
         return cls(1.0 / log.rate, level @ attitude, rate, force, "log")
 
-    def table(self, field: Checked[float | np.ndarray] = 0.0) -> np.ndarray:
-        """(n, 9 + k) entries of the attitude, and what drives the errors of a sensor. field : (3,) T, in the level frame."""
+    def table(self, shape: np.ndarray, field: Checked[float | np.ndarray] = 0.0) -> np.ndarray:
+        """(n, 9 + k) entries of the attitude, and what drives errors (..., k), without the last drivers where they cause nothing.
+
+        field : (3,) T, in the level frame.
+        """
+        used = [place for place, name in enumerate(DRIVERS) if name == "force" or np.any(shape[..., PLACES[name]])]
         # the derivatives of a motion of one sample are zero
-        turn, jerk = (np.gradient(x, self.step, axis=0) if len(x) > 1 else np.zeros_like(x) for x in (self.rate, self.force))
-        body, lever = (field * np.ones(3)) @ self.attitude, skew(turn) + skew(self.rate) @ skew(self.rate)
-        attitude, still = self.attitude.reshape(-1, 9), [np.ones(len(body)), np.zeros(len(body))]  # the second is the time
-        return np.column_stack([attitude, *still, self.rate, self.force, turn, jerk, body, lever.reshape(-1, 9)])
+        slope = lambda x: np.gradient(x, self.step, axis=0) if len(x) > 1 else np.zeros_like(x)  # noqa: E731
+        known = {
+            "one": lambda: np.ones(len(self.rate)), "time": lambda: np.zeros(len(self.rate)),  # filled in later
+            "rate": lambda: self.rate, "force": lambda: self.force, "field": lambda: (field * np.ones(3)) @ self.attitude,
+            "turn": lambda: slope(self.rate), "jerk": lambda: slope(self.force),
+            "lever": lambda: (skew(slope(self.rate)) + skew(self.rate) @ skew(self.rate)).reshape(-1, 9),
+        }  # fmt: skip
+        return np.column_stack([self.attitude.reshape(-1, 9), *(known[name]() for name in tuple(DRIVERS)[: max(used) + 1])])
 
     def cells(self, start: float, stop: float, count: int, table: np.ndarray, first: np.ndarray | None = None) -> dict[str, np.ndarray]:
         """Means over `count` cells of time: attitude times each driver, outer products of its columns, specific force; and of the drivers.

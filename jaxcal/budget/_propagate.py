@@ -77,7 +77,7 @@ def combined(sensors: Sensors, unit: Unit) -> tuple[Any, dict[str, Any], Any]:
         slopes.append(xp.diagonal(own, axis1=1, axis2=2))
         whole, parts[cause] = whole + part, parts.get(cause, 0.0) + xp.diagonal(part)
     if sensors.causes:
-        drive = xp.einsum("sack,psck->ap", driven, sensors.shape)
+        drive = xp.einsum("sack,psck->ap", driven, sensors.shape[..., : driven.shape[-1]])
         each = drive * (drive @ sensors.covariance)  # parts of correlated parameters share what they have in common
         whole = whole + drive @ sensors.covariance @ drive.T
         for cause in dict.fromkeys(sensors.causes):
@@ -145,7 +145,7 @@ def propagate(
     """
     known = sensors_of(sensors, errors, temperature, aid is not None)
     how = {"rest": rest, "aid": aid, "dip": dip, "field": field, "latitude": latitude}
-    table = motion.table(field * np.array([0.0, np.cos(dip), -np.sin(dip)]))
+    table = motion.table(known.shape, field * np.array([0.0, np.cos(dip), -np.sin(dip)]))
     shown = sorted([*(one for one in TIMES if one < motion.duration * (1 - 1e-9)), motion.duration] if at is None else map(float, at))
     low = min(_FIRST, shown[0])
     time = np.unique(
@@ -227,7 +227,8 @@ def increments(
     ----------
     Forster, Carlone, Dellaert and Scaramuzza, IEEE Trans. Robotics 33, 2017, 1-21.
     """
-    known, table = sensors_of(sensors, errors, temperature), motion.table()
+    known = sensors_of(sensors, errors, temperature)
+    table = motion.table(known.shape)
     mean, sample = motion.cells(0.0, motion.duration, 1, table)["mean"], 1 / (rate or known.rate)
     window = np.array([one for one in windows if one <= motion.duration * (1 + 1e-9)])
     covariances, means = [], []

@@ -110,7 +110,15 @@ def sensors_of(source: Any, errors: Mapping[str, Any] | None, temperature: float
     said += [FINDINGS("exact", what=" and ".join(exact))] if exact else []
     rate = 100.0 if known.noise is None else known.noise.rate
     covariance = scipy.linalg.block_diag(*blocks) if blocks else np.zeros((0, 0))
-    return Sensors(terms, spread, [cause for cause, _ in found], np.array([shape for _, shape in found]), covariance, rate, said)
+    return Sensors(
+        terms,
+        spread,
+        [cause for cause, _ in found],
+        np.array([shape for _, shape in found]).reshape(-1, 3, 3, sum(DRIVERS.values())),
+        covariance,
+        rate,
+        said,
+    )
 
 
 def _by_sensor(source: Any) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """The C code for a microcontroller, compiled here, beside the same algorithm in Python."""
 
 import ctypes
+import pathlib
 import shutil
 import subprocess
 
@@ -33,7 +34,8 @@ class Mag(ctypes.Structure):
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     found = tmp_path_factory.mktemp("c")
-    jaxcal.export.write(jaxcal.Calibration(), found / "sensors.h", format="c", solver=True)
+    device = jaxcal.Calibration.load(pathlib.Path(__file__).parent / "golden.json")
+    jaxcal.export.write(device, found / "sensors.h", format="c", solver=True)
     (found / "sensors.c").write_text('#define JAXCAL_IMPLEMENTATION\n#include "sensors.h"\n')
     return found
 
