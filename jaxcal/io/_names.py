@@ -30,12 +30,12 @@ _WORDS = {
         "angularvelocity|angvelocity|angvel|angularvel|angularrate|angrate|anglerate|angularspeed|rate|rates|rotationrate|rotrate|"
         "rotationspeed|turnrate|rateofturn|drehrate|drehgeschwindigkeit|winkelgeschwindigkeit|vitesseangulaire|velocidadangular|"
         "hoeksnelheid|jiroskop|zyroskop|gyroskooppi|kulmanopeus|predkosckatowa|acsalhz|vinkelhastighet|"
-        "uhlovarychlost|szogsebesseg|kecepatansudut|vitezaunghiulara|velocitaangolare|velocidadeangular|wrss|av|as|wb|gyrounfiltered|deltarate|pqr|rot|gyrorot|gyroscoperot|angvels|wibb|omegaibb"
+        "uhlovarychlost|vinkelhastighed|vantocgoc|kutnabrzina|szogsebesseg|kecepatansudut|vitezaunghiulara|velocitaangolare|velocidadeangular|wrss|av|as|wb|gyrounfiltered|deltarate|pqr|rot|gyrorot|gyroscoperot|angvels|wibb|omegaibb"
     ),
     "accel": (
         "a|ac|acc|acce|accl|accel|accelero|accelerometer|accelerometers|acceleration|accelerations|accelerometeracceleration|f|gf|gforce|fb|"
         "specificforce|sf|totalacceleration|totalacc|accelerationincludinggravity|accelerationwithg|beschleunigung|beschl|"
-        "beschleunigungssensor|beschleunigungmitg|versnelling|ivme|przyspieszenie|kiihtyvyys|zrychleni|gyorsulas|percepatan|acceleratie|aceleracion|acelerometro|accelerazione|accelerometro|aceleracao|acelerometro|arss|"
+        "beschleunigungssensor|beschleunigungmitg|versnelling|ivme|przyspieszenie|kiihtyvyys|zrychleni|gyorsulas|giatoc|ubrzanje|percepatan|acceleratie|aceleracion|acelerometro|accelerazione|accelerometro|aceleracao|acelerometro|arss|"
         "properacceleration|fibb"
     ),
     # this name means opposite things in ROS and phyphox; the values decide whether gravity is included
@@ -70,7 +70,8 @@ _TIME = _words(
     "timestampsince loggingtime gpstow tow gpstime rostime hosttime phonetime phonetimestamp localtime rtc chiptime recordtime "
     "recordingtime logtime boottime timestampunix timeunix samplingtime timestampsample acquisitiontime runtime uptime relativetime "
     "reltime abstime absolutetime measurementtime timeboot timesincereset timetag gpssow sow timeofday timeofweek monotonictime "
-    "waktu timp ido starttime timestart timesample wallclock sensortimestamp loggingtimestamp motiontimestamp imutime imutimestamp timeimu"
+    "waktu timp ido thoigian vrijeme "
+    "starttime timestart timesample wallclock sensortimestamp loggingtimestamp motiontimestamp imutime imutimestamp timeimu"
 )
 _TIME_UNITS = {
     "s": "s", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sekunden": "s", "ms": "ms", "msec": "ms", "msecs": "ms",
@@ -148,7 +149,8 @@ class Name:
 
 def bracketed(name: str) -> str | None:
     """Text in the brackets of a column name, or None; a number in brackets is an axis and is ignored."""
-    found = [(one or other).strip() for one, other in re.findall(r"\[([^\]]*)\]|\(((?:[^()]|\([^()]*\))*)\)", name)]
+    found = [text for pair in re.findall(r"\[([^\]]*)\]|\(((?:[^()]|\([^()]*\))*)\)", name) for text in map(str.strip, pair) if text]
+    found.sort(key=lambda text: f"[{text}]" not in name)  # a unit stands in square brackets, if there are some
     return next((text for text in found if not text.isdigit() and text.lower() not in tuple(AXES)), None)
 
 

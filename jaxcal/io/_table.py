@@ -49,7 +49,8 @@ class Table:
     word: str | None = None  # the sensor that a word in every row names
 
     def __post_init__(self) -> None:
-        self.names = [printable(name)[:_LONGEST] for name in self.names]
+        # pandas writes a column of two levels as ('acc', 'x')
+        self.names = [re.sub(r"^\('(\w*)', '(\w*)'\)$", r"\1 \2", printable(name)[:_LONGEST]) for name in self.names]
 
 
 @dataclasses.dataclass(frozen=True)

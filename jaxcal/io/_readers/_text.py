@@ -209,7 +209,7 @@ def sniff(text: str) -> Layout:
     best: tuple[str, int, dict[int, list[str]]] | None = None
     ended = [line.rstrip() for line in lines if line.strip()]
     ended = len(ended) > 2 and sum(line.endswith(";") and line.count(";") == 1 and "," in line for line in ended) > 0.9 * len(ended)
-    for mark in (",",) if ended else (";", "\t", ",", " "):
+    for mark in (",",) if ended else (";", "\t", "|", ",", " "):
         known = {i: line.rstrip("; ") if ended else line for i, line in enumerate(lines) if line.strip() and not _is_comment(line)}
         rows = {i: split(line, mark) for i, line in known.items()}
         rows_of_numbers = {i: row for i, row in rows.items() if _is_data(row)}
