@@ -26,16 +26,20 @@ def _words(text: str) -> frozenset[str]:
 
 _WORDS = {
     "gyro": (
-        "g|gy|gyr|gyro|gyros|gyroscope|gyroscopes|gyroskop|giroscopio|giroscopo|gyrorotation|gyrorotationrate|gyroscoperotationrate|w|omega|"
+        "g|gy|gyr|gyro|gyros|gyroscope|gyroscopes|gyroskop|giroscopio|giroscopo|gyrorotation|gyrorotationrate|gyroscoperotationrate|"
+        "w|omega|"
         "angularvelocity|angvelocity|angvel|angularvel|angularrate|angrate|anglerate|angularspeed|rate|rates|rotationrate|rotrate|"
         "rotationspeed|turnrate|rateofturn|drehrate|drehgeschwindigkeit|winkelgeschwindigkeit|vitesseangulaire|velocidadangular|"
         "hoeksnelheid|jiroskop|zyroskop|gyroskooppi|kulmanopeus|predkosckatowa|acsalhz|vinkelhastighet|"
-        "uhlovarychlost|vinkelhastighed|vantocgoc|kutnabrzina|szogsebesseg|kecepatansudut|vitezaunghiulara|velocitaangolare|velocidadeangular|wrss|av|as|wb|gyrounfiltered|deltarate|pqr|rot|gyrorot|gyroscoperot|angvels|wibb|omegaibb"
+        "uhlovarychlost|vinkelhastighed|vantocgoc|kutnabrzina|szogsebesseg|kecepatansudut|vitezaunghiulara|velocitaangolare|"
+        "velocidadeangular|wrss|av|as|wb|gyrounfiltered|deltarate|pqr|rot|gyrorot|gyroscoperot|angvels|wibb|omegaibb"
     ),
     "accel": (
-        "a|ac|acc|acce|accl|accel|accelero|accelerometer|accelerometers|acceleration|accelerations|accelerometeracceleration|f|gf|gforce|fb|"
+        "a|ac|acc|acce|accl|accel|accelero|accelerometer|accelerometers|acceleration|accelerations|accelerometeracceleration|f|gf|"
+        "gforce|fb|"
         "specificforce|sf|totalacceleration|totalacc|accelerationincludinggravity|accelerationwithg|beschleunigung|beschl|"
-        "beschleunigungssensor|beschleunigungmitg|versnelling|ivme|przyspieszenie|kiihtyvyys|zrychleni|gyorsulas|giatoc|ubrzanje|percepatan|acceleratie|aceleracion|acelerometro|accelerazione|accelerometro|aceleracao|acelerometro|arss|"
+        "beschleunigungssensor|beschleunigungmitg|versnelling|ivme|przyspieszenie|kiihtyvyys|zrychleni|gyorsulas|giatoc|ubrzanje|"
+        "percepatan|acceleratie|aceleracion|acelerometro|accelerazione|accelerometro|aceleracao|acelerometro|arss|"
         "properacceleration|fibb"
     ),
     # this name means opposite things in ROS and phyphox; the values decide whether gravity is included

@@ -87,6 +87,10 @@ PROFILES = (
         unit_from=(("accel", r"acc_1G\W+(\d+)", "g", True),),
     ),
     Profile(
+        "Kalibr", ("timestamp", "omega_x", "alpha_x"),
+        ((rf"omega_{_XYZ}", "gyro", "rad/s"), (rf"alpha_{_XYZ}", "accel", "m/s^2"), ("timestamp", "time", None)),
+    ),
+    Profile(
         "ROS", (r".*angular_velocity[._/]x", r".*(?:header|covariance|frame_id|__time|%time).*"),
         ((rf".*angular_velocity[._/]{_XYZ}", "gyro", "rad/s"), (rf".*linear_acceleration[._/]{_XYZ}", "accel or linear", "m/s^2"),
          (rf".*magnetic_field[._/]{_XYZ}", "mag", "T")),
