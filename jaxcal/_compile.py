@@ -11,24 +11,9 @@ from typing import Any
 
 import equinox as eqx
 import jax
-from jax.experimental.xla_metadata import set_xla_metadata
 
-from ._precision import is_traced
+from ._jax import QUICK, as_one_kernel, is_quick, is_traced
 from ._programs import Slot, Store
-
-_QUICK: dict[str, Any] = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_parallel_codegen_split_count": 1}
-
-
-@functools.cache
-def _known() -> bool:
-    """Whether programs run on a CPU, and this version of XLA has the options, which a later version may drop."""
-    if jax.default_backend() != "cpu":
-        return False
-    try:
-        jax.jit(lambda: 0, compiler_options=_QUICK).lower().compile()
-    except jax.errors.JaxRuntimeError:
-        return False
-    return True
 
 
 @jax.tree_util.register_static
@@ -98,7 +83,7 @@ def one_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
         if jax.default_backend() != "cpu":
             return function(*args, **fixed)
         found = jax.jit(functools.partial(function, **fixed))(*args)
-        return set_xla_metadata(found, xla_cpu_small_call="true", inlineable="false")
+        return as_one_kernel(found)
 
     return call
 
@@ -121,10 +106,10 @@ def filter_jit(function: Callable[..., Any], further: dict[str, Any] | None = No
         return _split(function(*args, **kwargs))
 
     run.__name__ = run.__qualname__ = function.__name__  # profiles and messages of the compiler show this name
-    plain, quick = jax.jit(run), jax.jit(run, compiler_options=_QUICK | (further or {}))
+    plain, quick = jax.jit(run), jax.jit(run, compiler_options=QUICK | (further or {}))
 
     def lower(arrays: list[Any], fixed: _Fixed) -> Any:
-        return (quick if _known() else plain).lower(arrays, fixed)
+        return (quick if is_quick() else plain).lower(arrays, fixed)
 
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
@@ -135,7 +120,7 @@ def filter_jit(function: Callable[..., Any], further: dict[str, Any] | None = No
             return _joined(*plain(arrays, fixed))
         kept = _stores and jax.default_backend() == "cpu"
         found = _stores[0].run(call, lower, arrays, fixed, functools.partial(_joined, fixed=fixed)) if kept else None
-        return _joined(*((quick if _known() else plain)(arrays, fixed) if found is None else found))
+        return _joined(*((quick if is_quick() else plain)(arrays, fixed) if found is None else found))
 
     return call
 

@@ -2,7 +2,6 @@
 
 import functools
 import os
-import sys
 import warnings
 from collections.abc import Callable
 from types import ModuleType
@@ -12,9 +11,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
-from jax.extend.core import get_opaque_trace_state
 
 from ._errors import DataError, PrecisionWarning
+from ._jax import has_started, is_traced as is_traced
 
 
 class _Fork:
@@ -25,9 +24,7 @@ class _Fork:
     @classmethod
     def cut(cls) -> None:
         """Set the flag in the child of a fork."""
-        # JAX has no public way to ask whether it has started
-        bridge = sys.modules.get("jax._src.xla_bridge")
-        cls.severed = cls.severed or bool(getattr(bridge, "_backends", None))
+        cls.severed = cls.severed or has_started()
 
 
 if hasattr(os, "register_at_fork"):
@@ -37,24 +34,6 @@ if hasattr(os, "register_at_fork"):
 LARGEST = 1e30
 
 F = TypeVar("F", bound=Callable[..., Any])
-
-#: the latest state of JAX that was seen without a trace: comparing it takes half a microsecond, placing a constant 30
-_untraced: Any = None
-
-
-def is_traced(*trees: Any) -> bool:
-    """Whether any leaf is a tracer, or a trace is in progress."""
-    for leaf in jax.tree_util.tree_leaves(trees):
-        if isinstance(leaf, Tracer):
-            return True
-    global _untraced
-    here = get_opaque_trace_state()
-    if here == _untraced:
-        return False
-    traced = isinstance(jax.device_put(np.float32(0)), Tracer)
-    if not traced:
-        _untraced = here
-    return traced
 
 
 def array_module(*trees: Any) -> ModuleType:
@@ -77,6 +56,75 @@ def map_ordered(function: Callable[..., Any], tree: Any, *rest: Any) -> Any:
     return jax.tree.map(one, tree, *rest, is_leaf=lambda node: type(node) is dict)
 
 
+class _Call:
+    """Arguments of a traced call without the tracers; two calls are equal if they trace the same program."""
+
+    def __init__(self, args: tuple[Any, ...], kwargs: dict[str, Any]):
+        self.tracers: list[Tracer] = []
+
+        def taken(leaf: Any) -> Any:
+            if isinstance(leaf, Tracer):
+                self.tracers.append(leaf)
+            return Tracer if isinstance(leaf, Tracer) else leaf
+
+        self._still = map_ordered(taken, (args, kwargs))
+        leaves, structure = jax.tree.flatten(self._still)
+        self._key = structure, tuple(map(_known_by, leaves))
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Call) and self._key == other._key
+
+    def arguments(self, tracers: list[Any]) -> Any:
+        following = iter(tracers)
+        return map_ordered(lambda leaf: next(following) if leaf is Tracer else leaf, self._still)
+
+
+def _known_by(leaf: Any) -> Any:
+    """What tells a leaf from others: type and value, of an array its bytes."""
+    if isinstance(leaf, np.ndarray | jax.Array):
+        array = np.asarray(leaf)
+        return array.dtype, array.shape, array.tobytes()
+    return type(leaf), leaf
+
+
+@jax.tree_util.register_static
+class _Beside:
+    """What a traced function returns beside arrays of JAX: the leaves of its result, None in place of each array, and their structure."""
+
+    def __init__(self, leaves: list[Any], structure: Any):
+        self.leaves, self.structure = [None if isinstance(leaf, jax.Array) else leaf for leaf in leaves], structure
+
+
+@functools.lru_cache(maxsize=32)
+def _traced_once(function: Callable[..., Any], call: _Call) -> Callable[..., Any]:
+    def run(tracers: list[Any]) -> tuple[list[Any], _Beside]:
+        args, kwargs = call.arguments(tracers)
+        leaves, structure = jax.tree.flatten(function(*args, **kwargs))
+        return [leaf for leaf in leaves if isinstance(leaf, jax.Array)], _Beside(leaves, structure)
+
+    run.__name__ = run.__qualname__ = function.__name__
+    return jax.jit(run)  # without options of the compiler, which it refuses where such a program is transposed
+
+
+def _as_one(function: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
+    """A traced call as one program: an eager `grad` or `vmap` would otherwise compile hundreds of operations, one by one.
+
+    Only the tracers are its data. What the host knows stays known, and a call in which it differs is traced again.
+    """
+    call = _Call(args, kwargs)
+    tracers, call.tracers = call.tracers, []  # the call is kept, and a tracer must not outlive its trace
+    try:
+        program = _traced_once(function, call)
+    except TypeError:  # an argument that cannot be compared
+        return function(*args, **kwargs)
+    arrays, beside = program(tracers)
+    following = iter(arrays)
+    return jax.tree.unflatten(beside.structure, [next(following) if leaf is None else leaf for leaf in beside.leaves])
+
+
 def real_numbers(values: Any, name: str = "the data") -> np.ndarray:
     """An array in float64, with NaN where it is masked; refused if it does not hold real numbers of a size that squares can be taken of.
 
@@ -87,6 +135,8 @@ def real_numbers(values: Any, name: str = "the data") -> np.ndarray:
     >>> real_numbers(np.ma.masked_greater([1, 2, 9], 5))
     array([ 1.,  2., nan])
     """
+    if isinstance(values, Tracer):
+        raise DataError(f"{name} are needed on the host, which decides by them; call this outside of jit, vmap and grad", code="traced")
     try:
         array = np.asanyarray(values)
     except (TypeError, ValueError) as error:
@@ -111,7 +161,7 @@ def _to_float64(leaf: Any) -> Any:
         return leaf  # the usual case; the rest takes ten times as long
     if isinstance(leaf, np.ma.MaskedArray):
         return real_numbers(leaf)
-    if isinstance(leaf, (np.ndarray, jax.Array)) and jnp.issubdtype(leaf.dtype, jnp.floating):
+    if isinstance(leaf, (np.ndarray, jax.Array, np.float32)) and jnp.issubdtype(leaf.dtype, jnp.floating):
         return np.asarray(leaf, dtype=np.float64)
     return leaf
 
@@ -124,8 +174,8 @@ def host_float64(function: F) -> F:
     """Run a host function in float64 and return NumPy arrays.
 
     If an argument is a tracer, or a trace is in progress, the function runs unchanged in the caller's precision: this is the
-    differentiable path. If that precision is float32 it warns once (`PrecisionWarning`), because phase is an integral: with a mean
-    of 9.81, the float32 Allan deviation at m = 1 is wrong by a factor of tens.
+    differentiable path. Outside of `jit` it runs as one program. If that precision is float32 it warns once (`PrecisionWarning`), because
+    phase is an integral: with a mean of 9.81, the float32 Allan deviation at m = 1 is wrong by a factor of tens.
 
     Otherwise the data, the first argument, must hold real numbers (`real_numbers`), and masked values become NaN. The call enters
     ``jax.enable_x64(True)`` as the outermost context, converts floating inputs to float64, and
@@ -150,7 +200,7 @@ def host_float64(function: F) -> F:
             )
         leaves = jax.tree.leaves((args, kwargs))
         if is_traced(leaves):
-            if not jax.config.read("jax_enable_x64"):
+            if not jax.config.jax_enable_x64:
                 warnings.warn(
                     f"{function.__module__}.{function.__name__} is traced in float32, in which integrated data lose "
                     "their small differences. Put these two lines at the top of the program:\n"
@@ -159,7 +209,7 @@ def host_float64(function: F) -> F:
                     PrecisionWarning,
                     stacklevel=2,
                 )
-            return function(*args, **kwargs)
+            return function(*args, **kwargs) if is_traced() else _as_one(function, args, kwargs)
         # the data come first; flags and names of groups may follow
         for leaf in args[:1]:  # results that hold flags are no data
             if isinstance(leaf, np.ndarray):

@@ -13,7 +13,6 @@ import functools
 import hashlib
 import importlib.metadata
 import io
-import math
 import os
 import pickle
 import platform
@@ -27,6 +26,7 @@ import numpy as np
 
 from ._errors import ExportError
 from ._files import write_atomically
+from ._jax import no_entry, restored, settings as settings_of_jax, stored
 
 _PACKAGES = ("jax", "jaxlib", "numpy", "equinox", "optimistix", "lineax")
 _KNOWN = {"jaxcal", *_PACKAGES, *sys.stdlib_module_names}
@@ -64,10 +64,7 @@ def _world() -> bytes:
     root = Path(__file__).parent
     sources = [(str(path.relative_to(root)), path.stat().st_size, path.stat().st_mtime_ns) for path in sorted(root.rglob("*.py"))]
     versions = [importlib.metadata.version(name) for name in _PACKAGES]
-    settings = [
-        os.environ.get("XLA_FLAGS"),
-        sorted((name, repr(value)) for name, value in jax.config.values.items() if "cache" not in name),
-    ]
+    settings = [os.environ.get("XLA_FLAGS"), settings_of_jax()]
     cpu = Path("/proc/cpuinfo")
     flags = next((line for line in cpu.read_text().splitlines() if line.startswith("flags")), "") if cpu.exists() else platform.processor()
     return repr((sources, versions, settings, flags, sys.version)).encode()
@@ -89,52 +86,30 @@ class Store:
         key = (function, tuple(slots), fixed)
         if key not in self._held:
             try:
-                name = _pickled((function, described(slots), jax.config.read("jax_enable_x64")))
+                name = _pickled((function, described(slots), jax.config.jax_enable_x64))
             except (pickle.PicklingError, AttributeError, TypeError):
                 self._held[key] = None  # a function inside another one, or a user's function
             else:
                 path = self._folder / f"program-{hashlib.sha256(_world() + name).hexdigest()}-cache"
-                self._held[key] = _read(path, arrays, fixed) or _made(path, _compiled(lower(arrays, fixed)))
+                self._held[key] = _read(path, arrays, fixed) or _made(path, lower(arrays, fixed))
         program = self._held[key]
         return program and program(arrays, fixed)
 
 
 def _read(path: Path, arrays: list[Any], fixed: Any) -> Callable[..., Any] | None:
     """The program in a file; None if there is no readable one."""
-    from jax.experimental.serialize_executable import deserialize_and_load
-
     try:
         code, count, result = pickle.loads(path.read_bytes())
-        if b"lapack" in code:  # the routines in it are registered when a program is traced
-            from jaxlib import lapack
-
-            lapack.prepare_lapack_call("getrf", np.dtype(np.float64))
-        taken, given = jax.tree.structure(((arrays, fixed), {})), jax.tree.structure(([0] * count, result))
-        return deserialize_and_load(code, taken, given)
+        return restored(code, jax.tree.structure(((arrays, fixed), {})), jax.tree.structure(([0] * count, result)))
     except Exception:  # no file, or any error that a truncated one causes: the program is compiled, and written
         return None
 
 
-def _compiled(lowered: Any) -> Any:
-    """The program, compiled without leaving an entry in JAX's own cache.
-
-    A program that JAX has loaded from its cache cannot be stored again: the file lacks its functions, and calls of what is read from it
-    fail. Each program here would meet its entry there as soon as its name changes, with a new version of jaxcal.
-    """
-    limit = "jax_persistent_cache_min_compile_time_secs"
-    before = jax.config.values[limit]
-    jax.config.update(limit, math.inf)
-    try:
-        return lowered.compile()
-    finally:
-        jax.config.update(limit, before)
-
-
-def _made(path: Path, compiled: Any) -> Callable[..., Any]:
+def _made(path: Path, lowered: Any) -> Callable[..., Any]:
     """The program; it is written to its file, with the structure of its results, once that is known."""
-    from jax.experimental.serialize_executable import serialize
-
     written = False
+    with no_entry():
+        compiled = lowered.compile()
 
     def call(arrays: list[Any], fixed: Any) -> Any:
         nonlocal written
@@ -143,7 +118,7 @@ def _made(path: Path, compiled: Any) -> Callable[..., Any]:
             written = True
             # on a full disk, or for a program that JAX cannot store, the next command compiles it again
             with contextlib.suppress(ExportError, pickle.PicklingError, AttributeError, TypeError, ValueError, NotImplementedError):
-                write_atomically(path, pickle.dumps((serialize(compiled)[0], len(found), result)))
+                write_atomically(path, pickle.dumps((stored(compiled), len(found), result)))
         return found, result
 
     return call

@@ -6,7 +6,7 @@ import equinox as eqx
 import numpy as np
 
 from .._answer import Finding, Number, Result, Section, cell_text, listed
-from .._precision import array_module
+from .._precision import array_module, is_traced
 from .._types import AnyArray, Held, Leaf
 from .._units import shown_in
 from ..fitting import Estimate, Information, information
@@ -201,28 +201,30 @@ class AlignmentFit(Bound):
         """Whether the readings determine an azimuth; an array for vectorised fits."""
         return has_number(self.outcome)
 
-    def _value(self, name: str) -> float | None:
+    def _value(self, name: str) -> Any:
+        if is_traced(self.estimate.values):
+            return self.estimate.values[self.estimate.names.index(name)]
         number = self.estimate[name]
         return None if number.state == "open" else float(number.value)
 
     @property
     def phi(self) -> Any:
-        """Roll, rad; None if not determined (host only)."""
+        """Roll, rad; None if not determined (never in a trace)."""
         return self._value("phi")
 
     @property
     def theta(self) -> Any:
-        """Pitch, rad; None if not determined (host only)."""
+        """Pitch, rad; None if not determined (never in a trace)."""
         return self._value("theta")
 
     @property
     def psi(self) -> Any:
-        """Azimuth, rad; None if not determined, or two fit equally well (host only)."""
+        """Azimuth, rad; None if not determined, or two fit equally well (never in a trace)."""
         return self._value("psi")
 
     @property
     def latitude(self) -> Any:
-        """Given or estimated latitude, rad; None if not determined (host only)."""
+        """Given or estimated latitude, rad; None if not determined (never in a trace)."""
         return self._value("latitude")
 
     @property

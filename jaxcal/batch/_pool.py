@@ -66,7 +66,7 @@ def limits(threads: int) -> dict[str, str]:
     if threads == 1:
         found["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_multi_thread_eigen=false".strip()
     names = ("jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs", "jax_persistent_cache_min_entry_size_bytes")
-    return found | {name.upper(): str(value) for name in names if (value := jax.config.values[name]) is not None}
+    return found | {name.upper(): str(value) for name in names if (value := getattr(jax.config, name)) is not None}
 
 
 def _begin() -> None:

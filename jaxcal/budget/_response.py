@@ -58,10 +58,8 @@ def lags(term: Any, start: float, stop: float, count: int, rest: float) -> tuple
     """
     size = (stop - start) / count
     lag = size * np.arange(-1.0, count + 2)
-    g = np.asarray(term.integral(lag))
     ends = start + size * np.arange(count + 1.0)
-    near, far = (np.asarray(term.integral(-past - ends)) for past in (0.0, rest))
-    none, whole = np.asarray(term.integral(np.array([0.0, rest])))
+    g, near, far, (none, whole) = (np.asarray(term.integral(at)) for at in (lag, -ends, -rest - ends, np.array([0.0, rest])))
     known = 1 / rest if rest else 0.0
     return 2 * g[1:-1] - g[:-2] - g[2:], known * (near[1:] - near[:-1] - far[1:] + far[:-1]), 2 * known**2 * (none - whole)
 

@@ -103,7 +103,7 @@ def keep_compiled() -> None:
 
     # a full disk, or an entry that another process is writing, costs seconds but no result
     warnings.filterwarnings("ignore", message="Error (writing|reading) persistent compilation cache entry")
-    if jax.config.values["jax_compilation_cache_dir"] is None:
+    if jax.config.jax_compilation_cache_dir is None:
         try:
             folder = cache_folder()
             folder.parent.parent.mkdir(parents=True, exist_ok=True)

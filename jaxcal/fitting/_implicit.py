@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1))
@@ -28,9 +29,14 @@ def implicit(solver: Callable[..., Any], score: Callable[..., Any], *data: Any) 
 @implicit.defjvp
 def _(solver: Callable[..., Any], score: Callable[..., Any], data: tuple, change: tuple) -> Any:
     x, further = implicit(solver, score, *data)
-    push = jax.jvp(lambda *data: score(x, further, *data), data, change)[1]
-    slope = jax.jacfwd(score)(x, further, *data)
-    size = abs(slope.diagonal()) ** 0.5
-    size = jax.numpy.where(size > 0, size, 1.0)
-    moved = -jax.numpy.linalg.solve(slope / size[:, None] / size[None], push / size) / size
-    return (x, further), (moved, jax.tree.map(jax.numpy.zeros_like, further))
+    moved = root_change(lambda x, *data: score(x, further, *data), x, data, change)
+    return (x, further), (moved, jax.tree.map(jnp.zeros_like, further))
+
+
+def root_change(score: Callable[..., Any], x: Any, data: tuple, change: tuple) -> Any:
+    """Change of the root x of `score(x, *data)` with the data, by the implicit function theorem: the one derivative of all fits."""
+    push = jax.jvp(lambda *data: score(x, *data), data, change)[1]
+    slope = jax.jacfwd(score)(x, *data)
+    size = jnp.sqrt(jnp.abs(jnp.diagonal(slope)))
+    size = jnp.where(size > 0, size, 1.0)
+    return -jnp.linalg.solve(slope / size[:, None] / size[None], push / size) / size

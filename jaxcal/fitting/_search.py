@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 
 from .._types import Array
+from ._implicit import root_change
 from ._problem import Problem
 
 
@@ -120,10 +121,6 @@ def _(primals, tangents):
         slope = jax.grad(lambda x: cost(given, *given.residual(x)))(x)
         return jnp.where(held, x - bound, slope)
 
-    push = jax.jvp(lambda moving: gradient(x, moving), (moving,), (change,))[1]
-    hessian = jax.jacfwd(gradient)(x, moving)
-    size = jnp.sqrt(jnp.abs(jnp.diagonal(hessian)))
-    size = jnp.where(size > 0, size, 1)
-    dx = -jnp.linalg.solve(hessian / size[:, None] / size[None, :], push / size) / size
+    dx = root_change(gradient, x, (moving,), (change,))
     rows, slopes = jax.jvp(lambda x, moving: linearised(eqx.combine(moving, fixed), x), (x, moving), (dx, change))
     return Found(x, rows, held, found.flat, found.steps), Found(dx, slopes, None, None, None)

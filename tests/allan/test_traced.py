@@ -1,11 +1,10 @@
-"""Deviations under jit, vmap and grad in both precisions."""
+"""Deviations under jit and grad; `test_transforms` has the other transforms."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxcal import PrecisionWarning
 from jaxcal.allan import deviation
 
 KINDS = ("adev", "oadev", "mdev", "tdev", "hdev", "ohdev")
@@ -51,24 +50,6 @@ def test_gradient_leaves_gaps_alone():
     gradient = jax.jit(jax.grad(lambda y: jnp.sum(deviation(y, 10.0, m=M).deviation)))(jnp.asarray(record(gaps=True)))
     assert np.all(np.isfinite(gradient))
     assert np.all(np.asarray(gradient)[[20, 21, 150]] == 0.0)
-
-
-def test_vmap_equals_a_loop_and_channels():
-    y = np.random.default_rng(2).standard_normal((3, 150))
-    batch = jax.jit(jax.vmap(lambda y: deviation(y, 10.0, m=M).deviation))(jnp.asarray(y))
-    loop = np.stack([deviation(row, 10.0, m=M).deviation for row in y])
-    np.testing.assert_allclose(batch, loop, rtol=1e-10)
-    channels = jax.jit(lambda y: deviation(y, 10.0, m=M).deviation)(jnp.asarray(y.T))
-    np.testing.assert_allclose(channels, loop.T, rtol=1e-10)
-
-
-def test_float32_warns_and_names_the_remedy():
-    with jax.enable_x64(False):
-        y = jnp.asarray(record(), dtype=jnp.float32)
-        with pytest.warns(PrecisionWarning, match="jax_enable_x64"):
-            traced = jax.jit(lambda y: deviation(y, 10.0, m=M).deviation)(y)
-        assert traced.dtype == jnp.float32
-    np.testing.assert_allclose(traced, deviation(record(), 10.0, m=M).deviation, rtol=2e-4)
 
 
 def test_a_gap_that_leaves_nothing_is_an_error_even_when_traced():

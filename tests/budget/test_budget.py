@@ -1,7 +1,5 @@
 """Error budgets beside closed forms, an independent strapdown integration, and one another."""
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -115,18 +113,6 @@ def test_the_shares_make_the_whole_and_the_inverse_agrees():
     assert "large_angles" in propagate(Noise(N=1.0), Motion.rest(1.0)).codes
     with pytest.raises(TypeError):
         requirement(found, after=30.0)
-
-
-def test_gradients_and_many_sensors_at_once():
-    motion = Motion.rest(60.0)
-    with jax.enable_x64(True):
-        heading = lambda n: propagate({"gyro": Noise(N=n, B=2e-5)}, motion, at=[60.0]).std("heading")[-1]  # noqa: E731
-        slope = jax.grad(heading)(1e-4)
-        step = (heading(1.001e-4) - heading(0.999e-4)) / 2e-7
-        assert float(slope) == pytest.approx(float(step), rel=1e-5)
-        many = jax.vmap(heading)(jnp.linspace(1e-5, 1e-3, 1000))
-        assert many.shape == (1000,)
-        assert float(many[-1]) == pytest.approx(float(heading(1e-3)), rel=1e-9)
 
 
 def test_the_uncertainty_of_the_coefficients_is_that_of_repeated_records():

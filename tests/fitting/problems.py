@@ -72,14 +72,3 @@ def thermal_data(seed=0, n=120):
     rng = np.random.default_rng(seed)
     t = np.linspace(-1, 1, n)
     return {"t": t, "y": 0.3 - 0.5 * t + 0.2 * t**2 + 0.1 * t**3 + 0.01 * rng.standard_t(2, size=n), "sigma": 0.01}
-
-
-def north(model, data):
-    """Residuals of a gyroscope on a turntable: the Earth's rate at the table angles plus a bias."""
-    return (model["rate"] * jnp.cos(data["angle"] + model["azimuth"]) + model["bias"] - data["y"]) / data["sigma"]
-
-
-def north_data(azimuth, seed=0, sigma=0.02):
-    angle = np.arange(8) * np.pi / 4
-    y = np.cos(angle + azimuth) + 0.3 + sigma * np.random.default_rng(seed).normal(size=angle.size)
-    return {"angle": angle, "y": y, "sigma": sigma}

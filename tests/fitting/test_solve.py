@@ -119,12 +119,6 @@ def test_precision_follows_the_inputs(precision):
     np.testing.assert_allclose(gradient.sum(axis=0), [1, 0, 0], atol=1e-3)  # a shift of all readings shifts the hard iron
 
 
-def test_float32_data_among_float64():
-    data = jax.tree.map(lambda a: np.asarray(a, dtype=np.float32), p.magnetometer_data())
-    start = jax.tree.map(lambda a: np.asarray(a, dtype=np.float32), p.IRON_START)
-    assert solve(p.magnetometer, start, data).checked().parameters.dtype == np.float32
-
-
 def test_one_bad_log_does_not_spoil_the_others():
     data = p.magnetometer_data(count=20)
     data["m"][3, 5] = np.nan

@@ -237,21 +237,6 @@ def jumping(n=600):
 
 
 @pytest.mark.parametrize("options", [{"model": "polynomial", "degree": 3}, {"model": "table"}, {"model": JUMP}])
-def test_a_given_form_is_traced_mapped_and_differentiable(options):
-    t, b = jumping()
-
-    def values(t, b):
-        return fit(t, b, **options).model.bias_at(jnp.asarray(AT))
-
-    along = 1e-6 * np.random.default_rng(1).normal(size=len(b))
-    many = np.stack([b, b + along / 2, b - along / 2])
-    # values and slopes share one program, since each compilation takes seconds
-    mapped, slopes = jax.jit(jax.vmap(lambda b: jax.jvp(lambda b: values(t, b), (b,), (along,))))(many)
-    np.testing.assert_allclose(mapped, [fit(t, one, **options).model.bias_at(AT) for one in many], rtol=1e-9)
-    np.testing.assert_allclose(slopes[0], mapped[1] - mapped[2], rtol=1e-4)
-
-
-@pytest.mark.parametrize("options", [{"model": "polynomial", "degree": 3}, {"model": "table"}, {"model": JUMP}])
 def test_a_given_form_responds_to_temperatures_lag_and_play_as_finite_differences_say(options):
     rng, time = np.random.default_rng(2), np.arange(900.0)
     t = 25 + 14 * np.sin(time / 150) + 0.01 * rng.normal(size=900)

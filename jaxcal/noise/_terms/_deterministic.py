@@ -5,6 +5,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ..._arrays import namespace
 from ..._precision import array_module
 from ..._types import Real
 from ._base import Block, Term
@@ -19,7 +20,7 @@ class _NoDensity(Term):
 
     def integral(self, h: Real) -> Any:
         """Zero."""
-        return array_module(h).zeros_like(h)
+        return namespace(h).zeros_like(h)
 
 
 class Ramp(_NoDensity):
@@ -70,7 +71,7 @@ class Sinusoid(_NoDensity):
     def integral(self, h: Real) -> Any:
         """cos(omega h)/(2 omega^2)."""
         omega = 2.0 * math.pi * self.frequency
-        return array_module(h, self).cos(omega * h) / (2.0 * omega**2)
+        return namespace(h, self).cos(omega * h) / (2.0 * omega**2)
 
     def simulate(self, n: int, dt: float, random: np.random.Generator) -> Any:
         """A sinusoid of random phase."""

@@ -17,7 +17,7 @@ import jax.core
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from ..._arrays import power_of_two
+from ..._arrays import namespace, power_of_two
 from ..._precision import array_module
 from ..._types import AnyArray, Real
 from ._base import Term
@@ -57,7 +57,7 @@ class Flicker(Term):
 
     def integral(self, h: Real) -> Any:
         """h^2 ln|h|/(2 pi)."""
-        xp = array_module(h)
+        xp = namespace(h)
         size = xp.abs(h)
         return h**2 * xp.log(xp.where(size > 0.0, size, 1.0)) / (2.0 * math.pi)
 

@@ -6,6 +6,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
+from ..._arrays import namespace
 from ..._precision import array_module
 from ..._types import AnyArray, Real
 from ._base import Block, Term
@@ -73,7 +74,7 @@ class GaussMarkov(Term):
 
     def integral(self, h: Real) -> Any:
         """-Tc^3/2 (exp(-x) - 1 + x) with x = |h|/Tc. For small x a series avoids the loss of digits."""
-        xp = array_module(h, self)
+        xp = namespace(h, self)
         x = xp.abs(h) / self.time
         near = x < _SERIES
         small, large = xp.where(near, x, 0.0), xp.where(near, 1.0, x)

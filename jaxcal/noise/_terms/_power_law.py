@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 import equinox as eqx
 import numpy as np
 
+from ..._arrays import namespace
 from ..._precision import array_module
 from ..._types import AnyArray, Real
 from ._base import Block, Term
@@ -46,7 +47,7 @@ class Quantisation(Term):
 
     def integral(self, h: Real) -> Any:
         """One at lag 0 and zero elsewhere, because the errors of the integral are independent."""
-        xp = array_module(h)
+        xp = namespace(h)
         return xp.where(h == 0.0, 1.0, 0.0)
 
     def simulate(self, n: int, dt: float, random: np.random.Generator) -> Any:
@@ -122,7 +123,7 @@ class White(Term):
 
     def integral(self, h: Real) -> Any:
         """-|h|/2."""
-        return -array_module(h).abs(h) / 2.0
+        return -namespace(h).abs(h) / 2.0
 
     def simulate(self, n: int, dt: float, random: np.random.Generator) -> Any:
         """Independent samples."""
@@ -162,7 +163,7 @@ class RandomWalk(Term):
 
     def integral(self, h: Real) -> Any:
         """|h|^3/12."""
-        return array_module(h).abs(h) ** 3 / 12.0
+        return namespace(h).abs(h) ** 3 / 12.0
 
     def simulate(self, n: int, dt: float, random: np.random.Generator) -> Any:
         """Running sum of white noise."""
