@@ -110,20 +110,17 @@ class Motion(eqx.Module):
         return cls(1.0 / log.rate, level @ attitude, rate, force, "log")
 
     def table(self, shape: np.ndarray, field: Checked[float | np.ndarray] = 0.0) -> np.ndarray:
-        """(n, 9 + k) entries of the attitude, and what drives errors (..., k), without the last drivers where they cause nothing.
+        """(n, 9 + k) entries of the attitude, and what drives errors (..., k): of the drivers the first four, if no error needs more.
 
         field : (3,) T, in the level frame.
         """
-        used = [place for place, name in enumerate(DRIVERS) if name == "force" or np.any(shape[..., PLACES[name]])]
-        # the derivatives of a motion of one sample are zero
-        slope = lambda x: np.gradient(x, self.step, axis=0) if len(x) > 1 else np.zeros_like(x)  # noqa: E731
-        known = {
-            "one": lambda: np.ones(len(self.rate)), "time": lambda: np.zeros(len(self.rate)),  # filled in later
-            "rate": lambda: self.rate, "force": lambda: self.force, "field": lambda: (field * np.ones(3)) @ self.attitude,
-            "turn": lambda: slope(self.rate), "jerk": lambda: slope(self.force),
-            "lever": lambda: (skew(slope(self.rate)) + skew(self.rate) @ skew(self.rate)).reshape(-1, 9),
-        }  # fmt: skip
-        return np.column_stack([self.attitude.reshape(-1, 9), *(known[name]() for name in tuple(DRIVERS)[: max(used) + 1])])
+        parts = [self.attitude.reshape(-1, 9), np.ones(len(self.rate)), np.zeros(len(self.rate)), self.rate, self.force]
+        if np.any(shape[..., PLACES["force"][-1] + 1 :]):
+            # the derivatives of a motion of one sample are zero
+            turn, jerk = (np.gradient(x, self.step, axis=0) if len(x) > 1 else np.zeros_like(x) for x in (self.rate, self.force))
+            lever = skew(turn) + skew(self.rate) @ skew(self.rate)
+            parts += [(field * np.ones(3)) @ self.attitude, turn, jerk, lever.reshape(-1, 9)]
+        return np.column_stack(parts)
 
     def cells(self, start: float, stop: float, count: int, table: np.ndarray, first: np.ndarray | None = None) -> dict[str, np.ndarray]:
         """Means over `count` cells of time: attitude times each driver, outer products of its columns, specific force; and of the drivers.

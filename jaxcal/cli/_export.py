@@ -90,8 +90,7 @@ def _write(calibration: list[Path], to: str, out: Path | None, ids: str | None, 
         devices = [_with_ids(jaxcal.Calibration.load(path), given, to) for path in calibration] or [jaxcal.Calibration()]
         digest = (devices[0].provenance or {}).get("sha256") if len(devices) == 1 else ""
         replaceable(targets.values(), digest or "", force=running.force)
-        if earlier is not None:
-            options["earlier"] = jaxcal.Calibration.load(earlier)
+        options |= {"earlier": jaxcal.Calibration.load(earlier)} if earlier else {}
         if motion is not None:
             options["motion"] = motion_of(motion, devices[0])
         place = places[targets[""]] if "" in targets else next(iter(places.values())).with_name(target.name)

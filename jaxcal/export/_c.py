@@ -17,7 +17,7 @@ from ._models import correction, cubics, gyro_bias, triads, unknown_field
 from ._options import Product, number
 
 _SENSOR = """
-/* {word}: bias at a temperature in degC (NAN if it is not known), days after the calibration; and y without its errors */
+/* {sensor}: bias at a temperature in degC (NAN if it is not known), days after the calibration; and y without its errors */
 static inline void {p}bias_{sensor}(float temperature, float days, float b[3]) {{
 {first}  for (int i = 0; i < 3; ++i) b[i] = {bias};
 }}
@@ -29,7 +29,10 @@ static inline void {p}correct_{sensor}(const float y[3], {felt}float temperature
 """
 _EACH = "  for (int i = 0; i < 3; ++i)\n    for (int k = 0; k < 3; ++k) "
 
-_WORDS = {"accel": "accelerometer", "gyro": "gyroscope", "mag": "magnetometer"}
+_REMARKS = {
+    "_BIAS_TEMPERATURE": "[axis][power-1]", "_BIAS_DAY": "for each day", "_RANGE": "reference, low, high, degC",
+    "_FORWARD": "of y = forward * x + ..., and its powers of degC",
+}  # fmt: skip
 _HEAD = {
     "accel": " * accel: x = matrix * (y - bias)                     m/s^2",
     "gyro": " * gyro:  x = matrix * (y - bias - g_sensitivity * a) rad/s, a = corrected accel",
@@ -55,15 +58,12 @@ def write_c(calibration: Calibration, options: Any) -> Product:
     ranges = []
     if any(powers is not None for powers in thermal.values()):
         head.append(_THERMAL % p)
-        limits = {
-            name: getattr(calibration.temperature, key) for name, key in zip(_RANGE, ("reference", "minimum", "maximum"), strict=True)
-        }
-        ranges = [f"#define {p}TEMPERATURE_{name}_C {literal(value, options.double)}" for name, value in limits.items()]
-    guard = f"{p}CALIBRATION_H"
+        limits = [getattr(calibration.temperature, key) for key in ("reference", "minimum", "maximum")]
+        ranges = [f"#define {p}TEMPERATURE_{name}_C {literal(x, options.double)}" for name, x in zip(_RANGE, limits, strict=True)] + [""]
     constants = [line for lines, _ in found.values() for line in lines]
     functions = "".join(code for _, code in found.values())
-    shared = ["apply"] * bool(found) + [name for name in ("powers", "solve") if f"{low}{name}(" in functions]
-    begin = [*head, " */", f"#ifndef {guard}", f"#define {guard}", "", *ranges, *[""] * bool(ranges), *constants, ""]
+    shared = [name for name in ("apply", "powers", "solve") if f"{low}{name}(" in functions]
+    begin = [*head, " */", f"#ifndef {p}CALIBRATION_H", f"#define {p}CALIBRATION_H", "", *ranges, *constants, ""]
     text = "\n".join(begin) + "\n" + "".join(_code(f"{name}.h", p) for name in shared) + functions
     text = text.replace("float", "double") if options.double else text
     return Product(text + (_solver(p, options.double) if options.solver else "") + "\n#endif\n", said)
@@ -89,9 +89,9 @@ def _sensor(
     if part is None:
         return None
     p, low = options.prefix, options.prefix.lower()
-    name, own = f"{p}{sensor.upper()}", isinstance(part, ThermalTriad)
+    name = f"{p}{sensor.upper()}"
     held = {"_MATRIX[3][3]": correction(part.matrix), "_BIAS[3]": part.bias}
-    first, bias = "", f"{name}_BIAS[i]"
+    first, above, bias = "", "", f"{name}_BIAS[i]"
     if powers is not None:
         held["_BIAS_TEMPERATURE[3][3]"] = powers
         first += f"  const float d = {low}above(temperature, {', '.join(f'{p}TEMPERATURE_{x}_C' for x in _RANGE)});\n"
@@ -99,33 +99,26 @@ def _sensor(
     if aged is not None:
         held["_BIAS_DAY[3]"] = aged
         bias += f" + days * {name}_BIAS_DAY[i]"
-    felt = f"{name}_G_SENSITIVITY[i][k]"
+    felt, solved = f"{name}_G_SENSITIVITY[i][k]", f"  {low}apply({name}_MATRIX, b, y, x);\n"
     if sensor == "gyro":
         held["_G_SENSITIVITY[3][3]"] = part.g_sensitivity
-    then = f"  {low}apply({name}_MATRIX, b, y, x);\n"
-    if own:  # the matrix in front of the true value is a polynomial, and its inverse is none
-        count, limits = len(part.bias_powers), [part.reference, part.low, part.high]
-        held |= {"_RANGE[3]": limits, "_FORWARD[3][3]": part.matrix}
-        held[f"_FORWARD_POWERS[3][3][{count}]"] = np.moveaxis(part.matrix_powers, 0, -1)
-        held[f"_BIAS_POWERS[3][{count}]"] = np.moveaxis(part.bias_powers, 0, -1)
+    if isinstance(part, ThermalTriad):  # the matrix in front of the true value is a polynomial, and its inverse is none
+        held |= {"_RANGE[3]": [part.reference, part.low, part.high], "_FORWARD[3][3]": part.matrix}
+        add = f" + {low}powers({name}_%s, {len(part.bias_powers)}, e)"
+        for field, size in (("matrix", "[3][3]"), ("bias", "[3]"), *[("g_sensitivity", "[3][3]")] * (sensor == "gyro")):
+            powers = np.moveaxis(getattr(part, f"{field}_powers"), 0, -1)
+            held[f"_{field.upper()}_POWERS{size}[{powers.shape[-1]}]"] = powers
         above = f"  const float e = {low}above(temperature, {', '.join(f'{name}_RANGE[{i}]' for i in range(3))});\n"
-        first, bias = first + above, f"{bias} + {low}powers({name}_BIAS_POWERS[i], {count}, e)"
-        if sensor == "gyro":
-            held[f"_G_SENSITIVITY_POWERS[3][3][{count}]"] = np.moveaxis(part.g_sensitivity_powers, 0, -1)
-            felt = f"({felt} + {low}powers({name}_G_SENSITIVITY_POWERS[i][k], {count}, e))"
-        entry = f"m[i][k] = {name}_FORWARD[i][k] + {low}powers({name}_FORWARD_POWERS[i][k], {count}, e);\n"
-        then = f"{above}  float m[3][3];\n{_EACH}{entry}  {low}solve(m, b, y, x);\n"
-    if sensor == "gyro":
-        where = then.index("\n") + 1 if own else 0
-        then = f"{then[:where]}{_EACH}b[i] += {felt} * a[k];\n{then[where:]}"
-    unused = "".join(f"  (void){one};\n" for one, known in (("temperature", first), ("days", aged is not None)) if not known)
-    code = _SENSOR.format(word=_WORDS[sensor].capitalize(), sensor=sensor, p=low, first=first + unused, bias=bias, then=then,
+        bias, felt = bias + add % "BIAS_POWERS[i]", f"({felt}{add % 'G_SENSITIVITY_POWERS[i][k]'})"
+        entry = f"m[i][k] = {name}_FORWARD[i][k]{add % 'MATRIX_POWERS[i][k]'};\n"
+        solved = f"  float m[3][3];\n{_EACH}{entry}  {low}solve(m, b, y, x);\n"
+    then = above + f"{_EACH}b[i] += {felt} * a[k];\n" * (sensor == "gyro") + solved
+    first += above
+    first += "".join(f"  (void){one};\n" for one, known in (("temperature", first), ("days", aged is not None)) if not known)
+    code = _SENSOR.format(sensor=sensor, p=low, first=first, bias=bias, then=then,
                           felt="const float a[3], " * (sensor == "gyro"))  # fmt: skip
-    remark = {
-        "_BIAS_TEMPERATURE[3][3]": " /* [axis][power-1] */", "_BIAS_DAY[3]": " /* for each day */",
-        "_RANGE[3]": " /* reference, low, high, degC */", "_FORWARD[3][3]": " /* of y = forward * x + ...; powers of degC */",
-    }  # fmt: skip
-    return [f"static const float {name}{key} = {literal(value, options.double)};{remark.get(key, '')}" for key, value in held.items()], code
+    lines = [f"static const float {name}{key} = {literal(value, options.double)};" for key, value in held.items()]
+    return [line + next((f" /* {said} */" for key, said in _REMARKS.items() if key in line), "") for line in lines], code
 
 
 def _model(calibration: Calibration, sensor: str, thermal: bool, said: list[Finding]) -> Triad | None:
@@ -147,7 +140,7 @@ def _ageing(later: Calibration, earlier: Calibration, said: list[Finding]) -> di
         raise ExportError("ageing needs two calibrations with dates in their provenance, the earlier one before the other", code="dates")
     found = {}
     for part in difference(earlier, later):
-        rows = [i for i, name in enumerate(part.parameters) if name.startswith(("bias", "hard iron"))]
+        rows = [i for i, name in enumerate(part.parameters) if name.startswith(("bias[", "hard iron"))]
         change, sensor = part.change[rows], {"magnetometer": "mag"}.get(part.name, part.name)
         sure = np.abs(change) > NORMAL95 * part.standard_error[rows]
         if rows:

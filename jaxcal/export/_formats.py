@@ -117,7 +117,7 @@ FORMATS = {
     "gtsam": Format("gtsam_imu.py", "_filters", ("noise",), ("motion", "window", "random_walk", "gravity", "frame")),
     "px4": Format("px4.params", "_flight_controllers", _FIELDS, ("instance",), many=True, readable=True),
     "ardupilot": Format("ardupilot.param", "_flight_controllers", _FIELDS, ("instance", "gyro_bias"), many=True, readable=True),
-    "ros": Format("calibration.yaml", "_ros", ("noise", *_PARTS), ("rate",)),
+    "ros": Format("calibration.yaml", "_ros", ("noise", *_PARTS), ("motion", "window", "rate")),
     "imu_tk": Format("imu.calib", "_imu_tk", ("imu",), mark=""),
     "motioncal": Format("motioncal.bin", "_motioncal", ("magnetometer",), mark="", readable=True),
     "fusion": Format("fusion.c", "_compass", ("magnetometer",), mark="//", counts=True),

@@ -49,16 +49,22 @@ def noise_of(calibration: Calibration) -> DeviceNoise:
 def per_sensor(calibration: Calibration, options: Any) -> dict[str, tuple[AnyArray, AnyArray, str, list[Finding]]]:
     """Sensor -> N and K of its three axes, N under the motion if one is given, their origin, and findings."""
     found = {sensor: _per_axis(noise_of(calibration), sensor, options) for sensor in ("accel", "gyro")}
-    if options.motion is not None:
-        if options.window > options.motion.duration:
-            raise ExportError(f"the motion lasts {options.motion.duration:g} s, less than a window", code="window")
-        told = increments(calibration, options.motion, windows=[options.window])
-        for sensor, (n, k, how, said) in found.items():
-            times, group = float(told.factor(sensor)[0]), {"gyro": "tilt", "accel": "velocity"}[sensor]
-            causes = ", ".join(f"{cause} {100 * share:.0f} %" for cause, share in told.largest(group, options.window))
-            how += f"; N times {times:.4g} for increments over {options.window:g} s under the motion ({group} from {causes})"
-            found[sensor] = n * times, k, how, said
+    for sensor, (n, k, how, said) in found.items():
+        times, more = under_motion(calibration, sensor, options)
+        found[sensor] = n * times, k, how + more, said
     return found
+
+
+def under_motion(calibration: Calibration, sensor: str, options: Any) -> tuple[float, str]:
+    """By what N has to be multiplied under the motion, and how that came about."""
+    if options.motion is None:
+        return 1.0, ""
+    if options.window > options.motion.duration:
+        raise ExportError(f"the motion lasts {options.motion.duration:g} s, less than a window", code="window")
+    told = increments(calibration, options.motion, windows=[options.window])
+    times, group = float(told.factor(sensor)[0]), {"gyro": "tilt", "accel": "velocity"}[sensor]
+    causes = ", ".join(f"{cause} {100 * share:.0f} %" for cause, share in told.largest(group, options.window))
+    return times, f"; N times {times:.4g} for increments over {options.window:g} s under the motion ({group} from {causes})"
 
 
 def _per_axis(device: DeviceNoise, sensor: str, options: Any) -> tuple[AnyArray, AnyArray, str, list[Finding]]:

@@ -9,7 +9,7 @@ from .._errors import ExportError
 from ..calibration import Calibration
 from ._findings import FINDINGS
 from ._models import correction, triads, unknown_field
-from ._noise import rate_of
+from ._noise import rate_of, under_motion
 from ._options import Product, listed, number
 
 #: sensor -> key of its covariance, and unit
@@ -51,7 +51,8 @@ def _covariances(calibration: Calibration, options: Any, found: list[Finding]) -
         if held.N is None or not np.all(np.isfinite(held.N) & (held.N > 0)):
             found.append(FINDINGS("no_covariance", sensor, name=name))
             continue
-        lines.append(f"{name}: {listed(np.diag(held.N**2 * rate))}   # {unit} at {number(rate)} Hz")
+        times, how = under_motion(calibration, sensor, options)
+        lines.append(f"{name}: {listed(np.diag((times * held.N) ** 2 * rate))}   # {unit} at {number(rate)} Hz{how}")
         if any(values is not None and np.any(values > 0) for values in (held.K, held.B)):
             found.append(FINDINGS("white_alone", sensor))
     found.extend(said if lines else [])

@@ -48,7 +48,7 @@ def write(
         - gtsam: `motion`, `window`, `random_walk`, `gravity`, `frame` ("up" or "down", the direction of the z axis).
         - px4, ardupilot: `instance` (index of the sensors on the vehicle, from 0). ardupilot: `gyro_bias` (True also writes the bias of the
           gyroscope, which the firmware estimates again at every start).
-        - ros: `rate`.
+        - ros: `motion`, `window`, `rate`.
         - c: `prefix` (of the names), `solver` (True also writes the code that collects readings of a magnetometer, accelerometer or
           gyroscope on a microcontroller and solves for a calibration there; an empty `Calibration()` is enough), `double` (True for
           double precision), `earlier` (an earlier `Calibration` of the device, with a date: biases then go on to change as since then).

@@ -58,6 +58,9 @@ def test_rms_and_a_motion(golden, path, refuses):
     assert math.isclose(found["gyroscope_noise_density"], times * math.sqrt((1.6e-4**2 + 1.7e-4**2 + 1.8e-4**2) / 3), rel_tol=1e-8)
     assert math.isclose(found["accelerometer_random_walk"], math.sqrt((2.8e-5**2 + 3e-5**2 + 3.2e-5**2) / 3), rel_tol=1e-8)
     assert "rms axis; per axis N = 0.00016, 0.00017, 0.00018; K = 2.0e-06, 2.2e-06, 2.4e-06; N times " in path.read_text()
+    write(golden, path, format="ros", motion=motion, force=True)
+    squares = yaml.safe_load(path.read_text())["/**"]["ros__parameters"]["angular_velocity_covariance"]
+    assert math.isclose(squares[0], 200 * (times * 1.6e-4) ** 2, rel_tol=1e-8)
     with refuses("window", ExportError):
         write(golden, path, motion=motion, window=9.0)
 

@@ -40,7 +40,7 @@ static inline float jaxcal_powers(const float c[], int n, float d) {
   return sum;
 }
 
-/* Accelerometer: bias at a temperature in degC (NAN if it is not known), days after the calibration; and y without its errors */
+/* accel: bias at a temperature in degC (NAN if it is not known), days after the calibration; and y without its errors */
 static inline void jaxcal_bias_accel(float temperature, float days, float b[3]) {
   const float d = jaxcal_above(temperature, JAXCAL_TEMPERATURE_REFERENCE_C, JAXCAL_TEMPERATURE_MIN_C, JAXCAL_TEMPERATURE_MAX_C);
   (void)days;
@@ -53,7 +53,7 @@ static inline void jaxcal_correct_accel(const float y[3], float temperature, flo
   jaxcal_apply(JAXCAL_ACCEL_MATRIX, b, y, x);
 }
 
-/* Gyroscope: bias at a temperature in degC (NAN if it is not known), days after the calibration; and y without its errors */
+/* gyro: bias at a temperature in degC (NAN if it is not known), days after the calibration; and y without its errors */
 static inline void jaxcal_bias_gyro(float temperature, float days, float b[3]) {
   const float d = jaxcal_above(temperature, JAXCAL_TEMPERATURE_REFERENCE_C, JAXCAL_TEMPERATURE_MIN_C, JAXCAL_TEMPERATURE_MAX_C);
   (void)days;
@@ -68,7 +68,7 @@ static inline void jaxcal_correct_gyro(const float y[3], const float a[3], float
   jaxcal_apply(JAXCAL_GYRO_MATRIX, b, y, x);
 }
 
-/* Magnetometer: bias at a temperature in degC (NAN if it is not known), days after the calibration; and y without its errors */
+/* mag: bias at a temperature in degC (NAN if it is not known), days after the calibration; and y without its errors */
 static inline void jaxcal_bias_mag(float temperature, float days, float b[3]) {
   (void)temperature;
   (void)days;
