@@ -7,7 +7,8 @@ import numpy as np
 from .._units import shown_in
 from ..device import DeviceFit
 from ._charts import Chart, Curve, charts
-from ._html import MOST, Markup, evenly, section, tag
+from ._explore import short
+from ._html import MOST, Markup, data, evenly, section, tag
 
 SUBJECT = "Calibration"
 _MEANING = (
@@ -40,7 +41,7 @@ def figures(found: DeviceFit, _: Any) -> tuple[list[Markup], list[Markup]]:
     """The residuals along the recording, and the attitude."""
     gyro, accel, field = _residuals(found)
     return [charts([gyro, field])], [
-        section("Attitude", "attitude", charts(_way(found))),
+        section("Motion", "motion", *_way(found)),
         section("Residuals", "residuals", charts([accel]), *_stretches_of(found)),
     ]
 
@@ -51,9 +52,9 @@ def _unit_of_field(found: DeviceFit) -> tuple[str, float]:
 
 
 def _stretches(found: DeviceFit, values: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Combine the windows to at most `MOST` groups: their times, means, lowest and highest values; NaN for a group without values."""
+    """Combine the windows to groups, half of `MOST`: times, means, lowest and highest values; NaN for a group without values."""
     time, values = np.asarray(found.time)[:-1], np.asarray(values, dtype=float)
-    starts = np.arange(0, len(values), max(-(-len(values) // MOST), 1))
+    starts = np.arange(0, len(values), max(-(-2 * len(values) // MOST), 1))
     count = np.add.reduceat(np.isfinite(values).astype(float), starts)
     mean = np.add.reduceat(np.nan_to_num(values), starts) / np.where(count > 0, count, np.nan)
     middle = time[np.minimum(starts + np.diff(np.append(starts, len(values))) // 2, len(time) - 1)]
@@ -69,26 +70,16 @@ def _lines(found: DeviceFit, values: Any, names: str = "xyz", first: int = 0) ->
     return curves
 
 
-def _way(found: DeviceFit) -> list[Chart]:
-    """Charts of attitude and position during the recording."""
-    attitude = np.asarray(found.attitude)
-    up, north = attitude[:, 2], attitude[:, 0]
-    marks = _edges(found)
-    note = " Dashed: where a disturbed stretch begins or ends." if marks else ""
-    shown = evenly(len(found.time), MOST)
-    place = np.asarray(found.place) - np.mean(found.place, axis=0)
-
-    def lines(values: Any, names: Any) -> list[Curve]:
-        return [Curve(name, "line", found.time[shown], values[shown, i], color=i) for i, name in enumerate(names)]
-
-    return [
-        Chart("device-up", "Direction up", f"Along the axes of the device: 1 where the axis points up, -1 where it points down.{note}",
-              "Time (s)", "Component", (("", 1.0),), lines(up, "xyz"), marks),
-        Chart("device-north", "Direction of magnetic north", f"Along the axes of the device.{note}", "Time (s)", "Component",
-              (("", 1.0),), lines(north, "xyz"), marks),
-        Chart("device-place", "Place", f"From its mean, as far as the accelerometer and the bound on the place show it.{note}", "Time (s)",
-              "Place", (("m", 1.0), ("cm", 0.01)), lines(place, ("north", "west", "up")), marks),
-    ]  # fmt: skip
+def _way(found: DeviceFit) -> list[Markup]:
+    """The axes of the device in the world along the recording, for the script that replays them; and a chart of the place."""
+    shown, marks = evenly(len(found.time), MOST), _edges(found)
+    frames = [short(row, 3) for row in np.asarray(found.attitude)[shown].reshape(-1, 9)]
+    replay = tag("div", data({"time": short(found.time[shown]), "frames": frames}), tag("div", class_="static"), class_="sphere replay")
+    place = (np.asarray(found.place) - np.mean(found.place, axis=0))[shown]
+    about = "From its mean, as far as the accelerometer and the bound on the place show it"
+    about += ". Dashed: where a disturbed stretch begins or ends." if marks else "."
+    curves = [Curve(name, "line", found.time[shown], place[:, i], color=i) for i, name in enumerate(("north", "west", "up"))]
+    return [replay, charts([Chart("device-place", "Place", about, "Time (s)", "Place", (("m", 1.0), ("cm", 0.01)), curves, marks)])]
 
 
 def _edges(found: DeviceFit) -> list[float]:

@@ -162,7 +162,7 @@ footer { color: var(--muted); font-size: .875rem; padding-bottom: 2rem; }
 def page(title: str, lead: str, body: Markup, footer: str, facts: Iterable[tuple[str, str]] = ()) -> str:
     """Make a whole document; the facts appear below its title."""
     style, scripts = _STYLE, []
-    if 'class="sphere"' in body:
+    if 'class="sphere' in body:
         scripts = [_asset("sphere.js")]
     if 'id="live"' in body:
         scripts += [_asset("live.js")]

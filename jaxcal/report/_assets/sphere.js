@@ -1,4 +1,4 @@
-// The sphere of a magnetometer's readings, which turns under the finger.
+// The sphere of a magnetometer's readings, and that of a device's axes during a recording, which turn under the finger.
 (() => {
   "use strict";
   const html = document.documentElement;
@@ -21,19 +21,9 @@
       this.data = JSON.parse(root.querySelector("script").textContent);
       this.view = product(spin("x", -1.2), spin("z", -2.2));  // x right and towards us, z up
       this.shown = { "as measured": false, residuals: true, "missing directions": true };
-      this.canvas = make("canvas", { tabindex: "0", role: "img", "aria-label": "Directions of the corrected readings on a sphere. Arrow keys turn it." });
+      this.canvas = make("canvas", { tabindex: "0", role: "img", "aria-label": `${this.title()} on a sphere. Arrow keys turn it.` });
       this.readout = make("p", { class: "readout small" });
-      const bar = make("div", { class: "bar" }, make("div", { class: "group", role: "group", "aria-label": "Shown" }, ...Object.keys(this.shown).map((name) => {
-        const button = make("button", { type: "button", class: "toggle", "aria-pressed": String(this.shown[name]) }, name);
-        button.addEventListener("click", () => {
-          this.shown[name] = !this.shown[name];
-          button.setAttribute("aria-pressed", String(this.shown[name]));
-          this.draw();
-        });
-        return button;
-      })));
-      const said = "Drag to turn. Dots: readings, faint where they are behind. Their colour is the residual: orange outside of the field's sphere, blue inside. Hollow rings: directions without a reading; crosses: readings would help most here.";
-      const live = make("div", { class: "live-part" }, bar, make("figure", {}, this.canvas, this.readout, make("figcaption", {}, said)));
+      const live = make("div", { class: "live-part" }, this.bar(), make("figure", {}, this.canvas, this.readout, make("figcaption", {}, this.about())));
       root.querySelector(".static").after(live);
       root.classList.add("live");
       const sizes = this.data.residual ? this.data.residual.map(Math.abs).sort((a, b) => a - b) : [1];
@@ -42,6 +32,20 @@
       new ResizeObserver(() => this.draw()).observe(live);
       this.say(null);
       this.draw();
+    }
+    title() { return "Directions of the corrected readings"; }
+    names() { return ["x", "y", "z"]; }
+    about() { return "Drag to turn. Dots: readings, faint where they are behind. Their colour is the residual: orange outside of the field's sphere, blue inside. Hollow rings: directions without a reading; crosses: readings would help most here."; }
+    bar() {
+      return make("div", { class: "bar" }, make("div", { class: "group", role: "group", "aria-label": "Shown" }, ...Object.keys(this.shown).map((name) => {
+        const button = make("button", { type: "button", class: "toggle", "aria-pressed": String(this.shown[name]) }, name);
+        button.addEventListener("click", () => {
+          this.shown[name] = !this.shown[name];
+          button.setAttribute("aria-pressed", String(this.shown[name]));
+          this.draw();
+        });
+        return button;
+      })));
     }
     turning() {
       const canvas = this.canvas;
@@ -125,7 +129,7 @@
       ctx.font = "bold 13px system-ui, sans-serif";
       ctx.textAlign = "center";
       ctx.textBaseline = "middle";
-      ["x", "y", "z"].forEach((name, k) => {
+      this.names().forEach((name, k) => {
         const v = [0, 0, 0];
         v[k] = 1;
         const [a, b, c] = this.place(v), [p, q] = this.place(v.map((one) => 1.14 * one));
@@ -180,6 +184,54 @@
       ctx.globalAlpha = 1;
     }
   }
-  const spheres = [...document.querySelectorAll(".sphere")].map((root) => (root.sphere = new Sphere(root)));
+  class Replay extends Sphere {
+    title() { return "Axes of the device"; }
+    names() { return ["north", "west", "up"]; }
+    about() { return "The axes of the device during the recording, with the way of its x axis over the last seconds. Drag to turn."; }
+    bar() {
+      this.at = 0;
+      this.slider = make("input", { type: "range", min: "0", max: String(this.data.time.length - 1), value: "0", "aria-label": "Time of the recording" });
+      this.slider.addEventListener("input", () => this.go(Number(this.slider.value)));
+      this.button = make("button", { type: "button" }, "play");
+      this.button.addEventListener("click", () => this.play(!this.clock));
+      return make("div", { class: "bar still" }, this.button, this.slider);
+    }
+    play(on) {
+      clearInterval(this.clock);
+      const last = this.data.time.length - 1;
+      if (on && this.at === last) this.go(0);
+      this.clock = on ? setInterval(() => (this.at < last ? this.go(this.at + 1) : this.play(false)), 60) : null;
+      this.button.textContent = on ? "pause" : "play";
+    }
+    go(at) {
+      this.at = at;
+      this.slider.value = String(at);
+      this.say(null);
+      this.draw();
+    }
+    nearest() { return null; }
+    say() { this.readout.textContent = `${number(this.data.time[this.at], 4)} s`; }
+    axis(i, k) { return [0, 1, 2].map((row) => this.data.frames[i][3 * row + k]); }
+    points(ctx) {
+      ctx.strokeStyle = color("series-0");
+      ctx.lineWidth = 1.5;
+      this.path(Array.from({ length: Math.min(this.at, 20) + 1 }, (_, back) => this.axis(this.at - back, 0)));
+      ["x", "y", "z"].forEach((name, k) => {
+        const v = this.axis(this.at, k), [a, b, c] = this.place(v), [p, q] = this.place(v.map((one) => 1.1 * one));
+        ctx.globalAlpha = c >= 0 ? 1 : 0.5;
+        ctx.strokeStyle = ctx.fillStyle = color(`series-${k}`);
+        ctx.lineWidth = 4;
+        ctx.beginPath();
+        ctx.moveTo(...this.middle);
+        ctx.lineTo(a, b);
+        ctx.stroke();
+        ctx.fillText(name, p, q);
+      });
+      ctx.globalAlpha = 1;
+    }
+    gaps() {}
+  }
+  const made = (root) => new (root.classList.contains("replay") ? Replay : Sphere)(root);
+  const spheres = [...document.querySelectorAll(".sphere")].map((root) => (root.sphere = made(root)));
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => spheres.forEach((one) => one.draw()));
 })();
