@@ -5,7 +5,7 @@ from collections.abc import Hashable, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Protocol, TypeAlias, TypeVar
 
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float, Int, Num, PyTree
+from jaxtyping import Array, ArrayLike, Bool, Float, Int, Num
 
 AnyArray = Array | np.ndarray
 
@@ -68,6 +68,9 @@ NoiseLike: TypeAlias = Checked["Real | Module | Sequence[Any] | Mapping[str, Any
 #: a model or a result of jaxcal, or several by name
 Given: TypeAlias = Checked["Module | Mapping[str, Any]"]
 
+#: any tree of arrays, such as a dictionary or a module
+Tree = object
+
 PathLike = str | os.PathLike[str]
 
 #: cluster sizes: the name of a grid, or whole numbers of samples
@@ -82,5 +85,5 @@ AxesOf = Mapping[str, str | Sequence[str]] | str
 
 __all__ = [
     "Any", "AnyArray", "Array", "ArrayLike", "AxesOf", "Bool", "Checked", "ColumnsOf", "Float", "Frame", "Given", "Groups", "Held", "Int",
-    "Leaf", "NoiseLike", "Num", "Numbers", "PathLike", "PyTree", "Real", "Samples", "Scalar", "Seed", "Series", "Sizes", "UnitsOf", "Value",
+    "Leaf", "NoiseLike", "Num", "Numbers", "PathLike", "Real", "Samples", "Scalar", "Seed", "Series", "Sizes", "Tree", "UnitsOf", "Value",
 ]  # fmt: skip

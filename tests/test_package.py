@@ -8,6 +8,7 @@ import pathlib
 import re
 import subprocess
 import sys
+import textwrap
 import tomllib
 
 import pytest
@@ -53,6 +54,26 @@ def test_type_checkers_see_the_public_names():
     tree = ast.parse(inspect.getsource(jaxcal))
     seen = {alias.asname for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) for alias in node.names if alias.asname}
     assert seen == PUBLIC
+
+
+def parameters(thing):
+    """Names and annotations of the parameters and fields of a public function or class, as its source has them."""
+    (tree,) = ast.parse(textwrap.dedent(inspect.getsource(inspect.unwrap(thing)))).body
+    for node in tree.body if isinstance(tree, ast.ClassDef) else [tree]:
+        if isinstance(node, ast.AnnAssign):
+            yield f"{tree.name}.{node.target.id}", node.annotation
+        elif isinstance(node, ast.FunctionDef) and (node.name == "__init__" or not node.name.startswith("_")):
+            given = [one for one in ast.walk(node.args) if isinstance(one, ast.arg) and one.arg not in ("self", "cls")]
+            yield from ((f"{tree.name}.{node.name}.{one.arg}", one.annotation) for one in given)
+
+
+def test_public_parameters_have_types():
+    parts = [getattr(jaxcal, part) for part in PUBLIC if inspect.ismodule(getattr(jaxcal, part))]
+    things = [getattr(part, name) for part in parts for name in dir(part) if not name.startswith("_")]
+    found = [one for thing in things if inspect.isroutine(thing) or inspect.isclass(thing) for one in parameters(thing)]
+    bare = [name for name, type in found if type is None or "Any" in ast.unparse(type).split(" | ")]
+    assert len(found) > 1000
+    assert len(bare) <= 0.05 * len(found), bare
 
 
 def test_version_is_the_installed_one():

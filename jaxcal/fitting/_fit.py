@@ -13,7 +13,7 @@ from .._compile import filter_jit
 from .._errors import FitError
 from .._frozen import made
 from .._precision import array_module, is_traced
-from .._types import Array, PyTree
+from .._types import Array, Tree
 from ._loss_and_prior import AbstractLoss, AbstractPrior
 from ._problem import Problem, check, common_dtype, define, to_floats
 from ._result import Fit, M, Outcome, ended, known_of, to_numpy
@@ -21,8 +21,8 @@ from ._search import cost, search
 
 
 def solve(
-    residuals: Callable[[Any, Any], Array], start: M, data: PyTree = None, *, free: PyTree = None, bounds: tuple[Any, Any] | None = None,
-    loss: AbstractLoss | None = None, priors: AbstractPrior | Sequence[AbstractPrior] = (), starts: PyTree = None, max_steps: int = 128,
+    residuals: Callable[[Any, Any], Array], start: M, data: Tree = None, *, free: Tree = None, bounds: tuple[Any, Any] | None = None,
+    loss: AbstractLoss | None = None, priors: AbstractPrior | Sequence[AbstractPrior] = (), starts: Tree = None, max_steps: int = 128,
     rtol: float | Array | None = None,
 ) -> Fit[M]:  # fmt: skip
     """Fit a model by minimising 1/2 sum_i c^2 rho(r_i^2 / c^2) over its parameters (half the sum of squares without a loss).
@@ -135,7 +135,7 @@ def _check_residuals(problem: Problem, fit: Fit) -> None:
 
 
 def solve_many(
-    residuals: Callable[[Any, Any], Array], start: M, data: PyTree, *, batched: PyTree = (True, True),
+    residuals: Callable[[Any, Any], Array], start: M, data: Tree, *, batched: Tree = (True, True),
     batch: Literal["map", "vmap"] | None = None, **options: Any,
 ) -> Fit[M]:  # fmt: skip
     """Fit the same model to many data sets in one compiled call.

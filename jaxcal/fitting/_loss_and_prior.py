@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import FitError
-from .._types import AnyArray, Array, PyTree
+from .._types import AnyArray, Array, Tree
 from ._problem import names_of, vector_of
 
 
@@ -128,7 +128,7 @@ class AbstractPrior(eqx.Module):
     """
 
     @abc.abstractmethod
-    def residuals(self, model: PyTree) -> Array:
+    def residuals(self, model: Tree) -> Array:
         """Residuals of the prior for a model, of any shape."""
 
 
@@ -166,7 +166,7 @@ class Gaussian(AbstractPrior):
     mean: float | AnyArray = 0.0
     sigma: float | AnyArray = 1.0
 
-    def residuals(self, model: PyTree) -> Array:
+    def residuals(self, model: Tree) -> Array:
         if callable(self.where):
             value = jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(self.where(model))])
         else:

@@ -9,7 +9,7 @@ import numpy as np
 
 from .._compile import filter_jit
 from .._precision import host_float64
-from .._types import Array, PyTree
+from .._types import Array
 from ..fitting._problem import names_of
 from ._model import MagModel
 from ._orthogonal import distance_to, inverse_of, times
@@ -74,7 +74,7 @@ def further_names(model: MagModel) -> list[str]:
     return names_of(model)[12:]
 
 
-def residuals(model: MagModel, data: PyTree) -> Array:
+def residuals(model: MagModel, data: tuple[Any, ...]) -> Array:
     r"""Signed orthogonal distance of each reading to the surface of all readings that a field of magnitude H can give.
 
     .. math:: d_i = \pm\min_h |m_i - \mathrm{measure}(h)|,\qquad |h| = H

@@ -8,7 +8,7 @@ import numpy as np
 from .._errors import DataError
 from .._frozen import Model
 from .._precision import array_module, host_float64, is_traced
-from .._types import AnyArray, Leaf, Numbers, PyTree, Real
+from .._types import AnyArray, Leaf, Numbers, Real
 from ._curves import AbstractCurve, common
 from ._hysteresis import felt, rate_of, steps_of
 from ._record import FINE
@@ -122,7 +122,7 @@ class ThermalModel(Model):
 
     @host_float64
     def correct_chunk(
-        self, y: Numbers, temperature: Numbers, *, time: Times = None, rate: Hz = None, state: PyTree = None
+        self, y: Numbers, temperature: Numbers, *, time: Times = None, rate: Hz = None, state: tuple[Any, ...] | None = None
     ) -> tuple[Any, Any]:
         """Correct one part of a stream like `correct`; also return the state to pass to the call for the next part.
 
@@ -143,7 +143,9 @@ class ThermalModel(Model):
         t, further, state = self.effective(t, time=time, rate=rate, state=state)
         return y, self._value(t) + further, state
 
-    def effective(self, temperature: Numbers, *, time: Times = None, rate: Hz = None, state: PyTree = None) -> tuple[Any, Any, Any]:
+    def effective(
+        self, temperature: Numbers, *, time: Times = None, rate: Hz = None, state: tuple[Any, ...] | None = None
+    ) -> tuple[Any, Any, Any]:
         """Temperature at the sensor (not clipped), bias due to the rate of change, and the state of all filters after the last sample."""
         moves = is_traced(self.rate) or self.rate != 0
         steps = _steps(temperature, time, rate) if moves or is_traced(self.lag) or self.lag > 0 else None

@@ -87,10 +87,8 @@ noise rest.csv --format xls                | expected one of csv, npy
 noise rest.csv --missing nothing           | --missing nothing: expected a number
 noise rest.csv --export word               | unknown format 'word'; expected one of kalibr
 noise rest.csv --json folder               | folder is a folder; give the name of a file in it
-noise rest.csv --json rest.csv             | is the log that is read; it would be overwritten
 noise rest.csv --report nowhere/a.html     | cannot write into
 noise rest.csv --json a --report ./a       | two outputs have the same file name
-noise rest.csv --out tumble.csv            | cannot write into
 noise rest.csv --config gone.toml          | there is no such file
 noise rest.csv --config device.json        | is not TOML
 noise rest.csv --config odd.toml           | term
@@ -103,7 +101,6 @@ mag tumble.csv --date 2026-05-31           | --place and --date go together
 mag tumble.csv --place 39.93,32.86 --date 2026-05-31 | --place 39.93 32.86
 mag tumble.csv --place 132.86 39.93 --date 2026-05-31 | the latitude comes first: --place 39.93 132.86
 mag tumble.csv --place 39.93 32.86 --date 31.05.2026 | write year, month, day: --date 2026-05-31
-mag tumble.csv --place 39.93 32.86 --date yesterday | is no day; write year, month, day
 mag tumble.csv --place 39.93 32.86 --date 1875-01-01 | --date 1875-01-01
 mag tumble.csv --place 39.93 32.86 --date 2026-05-31 --field 47 | exclude one another
 mag tumble.csv --limit 0                   | degrees above 0
@@ -112,15 +109,12 @@ imu poses.csv --gravity 9.5                | 9.76 to 9.84 m/s^2; --latitude give
 imu poses.csv --height 20000               | expected -500 to 9000 m above sea level
 imu poses.csv --earth-rate                 | --earth-rate needs --latitude
 temperature warm.csv --degree 3            | go together
-temperature warm.csv --model polynomial    | go together
 temperature warm.csv --lag soon            | expected auto, or a number from 0
 north table.csv --latitude 95              | to 90 degrees
 north table.csv --hemisphere east          | Choose from: "north", "south"
 north table.csv --gyro N=0.01              | N has no unit; use one of deg/sqrt(h)
 north table.csv --gyro N=0.01deg/h         | 'deg/h' is not a unit of N of a gyro
 north table.csv --prior s_a                | expected NAME=STANDARD_DEVIATION
-north table.csv --noise gone.json          | gone.json does not exist
-north table.csv --noise rest.csv           | rest.csv is a log, and a calibration is asked for
 north table.csv --angles a,b               | expected degrees with commas between them, such as 0,90,180,270
 batch --out fleet                          | needs logs: files, folders or patterns
 batch nowhere/ --out fleet                 | there are no logs at nowhere
@@ -130,30 +124,14 @@ batch rest.csv --out fleet --set a         | expected NAME=VALUE, such as confid
 batch rest.csv --out fleet --set gravity=9.8 | task 'noise' has no option gravity
 batch rest.csv --out fleet --workers 0     | a number above 0
 batch rest.csv --out fleet --scheduler tcp://127.0.0.1:1 --timeout 3 | exclude --scheduler
-simulate noise --out a.csv --gyro N=0.25   | N has no unit
 simulate noise --out a.csv --gyro Z=1deg   | with a term of QNBKR
 simulate noise --out a.csv --gyro N=1deg/sqrt(h) --duration 0 | expected a log of 2 to
 simulate imu --out a.csv --poses 1         | expected 2 poses or more
 simulate device --out a.csv --rests 90     | 90 rests of 4 s and 0 s at the beginning do not fit
-simulate mag --out a.csv --noise -1        | expected uT of 0 or more
 device rest.csv                            | needs accelerometer, gyroscope and magnetometer in one log
-simulate mag --out a.txt                   | ends in .csv or .npz
-mag tumble.csv --corrected a.txt           | ends in .csv or .npz
-mag tumble.csv --headings heading,roll     | expected
-simulate imu --out a.csv --rate 1e9        | at most
-simulate north --out a.csv --latitude 35 --positions 0,up | numbers
-simulate north --out a.csv --latitude 35 --dwell 0 | positive
-north gone.csv --latitude 35               | gone.csv does not exist
 north table.csv --latitude 35 --plot a.txt | ends in
-north table.csv --latitude 35 --prior phi=1:2:3 | MEAN:STANDARD_DEVIATION
-export device.json --to kalibr --window 0 | --window 0.0: expected
 export device.json --to kalibr --random-walk much | --random-walk much: expected
-export device.json --to c --out device.json | would be overwritten
 export empty.json --to c                   | no JSON, and a calibration is asked for
-batch rest.csv --out fleet --set term=QN   | no option term
-batch rest.csv --out fleet --units gyro=furlong | furlong
-temperature warm.csv --export kalibr       | unknown format
-temperature warm.csv --ids mag=1 --export px4 | --ids mag=1: expected
 simulate north --out a.csv --latitude 40 --attitude 1,2 | expected roll, pitch and azimuth in degrees
 """
 
