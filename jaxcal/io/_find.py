@@ -74,10 +74,9 @@ def find(path: pathlib.Path) -> tuple[str, list[pathlib.Path]]:
             continue  # JSON beside a log describes the log
         if kind != "csv" or file.name.lower().endswith(_TEXT):
             logs[file] = kind
-    if not logs and refused:
-        raise DataError(refused, code="not_a_log")
     if not logs:
-        raise DataError("no readable log and no ROS 2 recording (metadata.yaml) in it; give a log file", code="not_a_log")
+        none = "no readable log and no ROS 2 recording (metadata.yaml) in it; give a log file"
+        raise DataError(refused or none, code="not_a_log")
     files, kinds = list(logs), set(logs.values())
     if len(files) == 1:
         return kinds.pop(), files
