@@ -22,10 +22,10 @@ from typing import Any
 
 import numpy as np
 
-#: limits of time (s) and of memory in use (bytes, of which the libraries take a third) for a file of few bytes; one of 12 MiB may use twice
-#: as much, and so on. The memory is looked at from outside: threads reserve many times the addresses that they use, and where addresses
-#: were limited, a busy machine refused four of five good Parquet files
-_SECONDS, _MEMORY = 40.0, 1 << 29
+#: limits of time (s), of time of the processor (s; a busy machine gives little of it) and of memory in use (bytes, of which the libraries take a
+#: third) for a file of few bytes; one of 12 MiB may use twice as much, and so on. The memory is looked at from outside: threads reserve many
+#: times the addresses that they use, and where addresses were limited, a busy machine refused four of five good Parquet files
+_SECONDS, _BUSY, _MEMORY = 40.0, 5.0, 1 << 29
 #: s between two looks at the memory
 _LOOK = 0.02
 _SIZE = 3 << 22
@@ -225,15 +225,22 @@ def _hdf5(request: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
 
 def _watch(process: Any, allowed: float, done: threading.Event, why: list[str]) -> None:
     """End the reading process if it takes too long or uses too much memory, and say which."""
-    began = time.monotonic()
+    began, busy = time.monotonic(), _busy(process)
     while not why and not done.wait(_LOOK):
-        if time.monotonic() - began > _SECONDS * allowed:
+        if time.monotonic() - began > _SECONDS * allowed or _busy(process) - busy > _BUSY * allowed:
             why.append("time")
         with contextlib.suppress(OSError, ValueError, IndexError), open(f"/proc/{process.pid}/statm") as file:  # of Linux
             if int(file.read().split()[1]) * mmap.PAGESIZE > _MEMORY * allowed:
                 why.append("memory")
     if why and not done.is_set():
         process.kill()
+
+
+def _busy(process: Any) -> float:
+    """Time of the processor, s, that a process has used; 0 where the system does not tell."""
+    with contextlib.suppress(OSError, ValueError, IndexError), open(f"/proc/{process.pid}/stat") as file:
+        return sum(map(int, file.read().rpartition(")")[2].split()[11:13])) / os.sysconf("SC_CLK_TCK")
+    return 0.0
 
 
 class Sandbox:
@@ -263,7 +270,7 @@ class Sandbox:
                 if "memory" in why:
                     raise MemoryError(f"more than {_MEMORY * allowed / 1e6:.0f} MB in use") from None
                 if why:
-                    raise DataError(f"it took more than {_SECONDS * allowed:.0f} s; it is damaged: copy it again", code="damaged") from None
+                    raise DataError(f"it took more than {_BUSY * allowed:.0f} s; it is damaged: copy it again", code="damaged") from None
                 said = "the library that reads it broke down: it needs more memory than there is, or is damaged"
                 raise DataError(f"{said}; close other programs, or copy it again", code="broke_down") from None
             except BaseException:
