@@ -22,9 +22,9 @@ from typing import Any
 
 import numpy as np
 
-#: limits of time (s), of time of the processor (s; a busy machine gives little of it) and of memory in use (bytes, of which the libraries take a
-#: third) for a file of few bytes; one of 12 MiB may use twice as much, and so on. The memory is looked at from outside: threads reserve many
-#: times the addresses that they use, and where addresses were limited, a busy machine refused four of five good Parquet files
+#: limits of time (s), of time of the processor (s; a busy machine gives little of it) and of memory in use (bytes, of which the libraries
+#: take a third) for a file of few bytes; one of 12 MiB may use twice as much, and so on. The memory is looked at from outside: threads
+#: reserve many times the addresses that they use, and where addresses were limited, a busy machine refused four of five good Parquet files
 _SECONDS, _BUSY, _MEMORY = 40.0, 5.0, 1 << 29
 #: s between two looks at the memory
 _LOOK = 0.02
