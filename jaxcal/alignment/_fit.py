@@ -59,8 +59,9 @@ def fit(
 
     The fit looks for a drift of the gyro's bias and for a tilting base. It includes what the readings show, and otherwise its errors allow
     for what they do not exclude; an order of positions in which a drift cancels keeps them small. A drift that you name in `free`, `priors`
-    or `start` turns this off: ``start={"b_g_rate": 0.0}`` says that nothing drifts. Without a given noise, the errors are those of the
-    residuals.
+    or `start` turns this off: ``start={"b_g_rate": 0.0}`` says that nothing drifts. The errors also allow for errors of the table's angles
+    that the readings do not exclude, unless `Positions.angle_std` gives their size (0 for exact angles). Without a given noise, the errors
+    are those of the residuals.
 
     Parameters
     ----------
@@ -128,13 +129,14 @@ def fit(
     side = {None: 0.0, "north": 1.0, "south": -1.0}[hemisphere]
     options = _Options(model, names, tuple(name in chosen for name in names), values, set(given), mean, certainty, hint, side)
     found, table, noise, spare = _joint(readings, gravity, options)
-    if table is None or not {"b_g_rate", "b_a_rate"}.isdisjoint(options.chosen | options.known):
-        return found  # traced, or the caller says what drifts
+    if table is None:  # traced
+        return found
+    told = not {"b_g_rate", "b_a_rate"}.isdisjoint(options.chosen | options.known)
 
     def refit(readings: Readings, begin: dict[str, Any]) -> AlignmentFit:
         return _joint(readings, gravity, dataclasses.replace(options, values=values | begin, known=options.known | set(begin)))[0]
 
-    return checked(found, table, gravity, noise, spare, refit)
+    return checked(found, table, gravity, noise, None if told else spare, refit)
 
 
 class _Options(eqx.Module):

@@ -27,7 +27,7 @@ _PASSES = 2  # of the linear search for terms: about the answer without them, an
 
 
 def checked(
-    found: AlignmentFit, table: Table, gravity: Any, noise: dict[str, Any], spare: dict[str, float],
+    found: AlignmentFit, table: Table, gravity: Any, noise: dict[str, Any], spare: dict[str, float] | None,
     refit: Callable[[Readings, dict[str, Any]], AlignmentFit],
 ) -> AlignmentFit:  # fmt: skip
     """A fit after a look for what it leaves out: with what the readings show; its errors allow for what they nearly show.
@@ -39,10 +39,10 @@ def checked(
     Parameters
     ----------
     found : the fit. table, gravity, noise : what it was fitted to, with the noise of each sensor.
-    spare : sensor -> degrees of freedom of its residuals.
+    spare : sensor -> degrees of freedom of its residuals; None if the caller says what drifts.
     refit : (readings, start) -> fit of these readings, without such a look; a sensor without a noise takes that of its residuals.
     """
-    said = _order(found)
+    said, spare = ([], {}) if spare is None else (_order(found), spare)
     if not found.noise_known or not has_number(found.outcome) or np.any(found.lost):
         return dataclasses.replace(found, findings=(*found.findings, *said))
     first, readings, look = found, found.readings, _Look(found, table, gravity, noise)
