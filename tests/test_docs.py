@@ -7,8 +7,11 @@ import pathlib
 import re
 import subprocess
 import sys
+import time
 import types
 
+import jax
+import numpy as np
 import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
@@ -58,6 +61,19 @@ def test_names_are_there(page):
 def test_code_is_python(page):
     for code in re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL):
         ast.parse(code)
+
+
+def test_differentiable_experiments_run():
+    """The examples of the page, one after the other as one program, in at most 30 s, and what the text says of their numbers."""
+    codes = re.findall(r"```python\n(.*?)```", (ROOT / "docs/tasks/differentiable.md").read_text(encoding="utf-8"), re.DOTALL)
+    found, begin = {}, time.process_time()
+    with jax.numpy_dtype_promotion("standard"):
+        exec("\n".join(codes), found)
+    assert time.process_time() - begin < 30
+    assert abs(found["influence"]).argmax() == 700
+    assert found["value"] < found["first"] - np.log(2)
+    assert found["slope"].sum() == pytest.approx(-1.0, rel=1e-3)
+    assert 0 < found["gain"] < 1
 
 
 def test_pages_of_the_interface_follow_the_packages():
