@@ -96,7 +96,7 @@ def _curves(fleet: dict[str, Any]) -> Markup:
         units = [one["unit"] for name, one in fleet["spread"].items() if name.startswith(f"{channel}.") and "dev" in name]
         x, y = (
             log_axis(label, [one[i] for one in curves.values()])
-            for i, label in enumerate(("cluster time (s)", f"deviation ({unit_label(units[0])})"))
+            for i, label in enumerate(("cluster time (s)", f"deviation ({unit_label(units[0])})" if units else "deviation"))
         )
         lines = [
             Mark("line", *curve, int(fleet["names"][i] in odd), look="thin", log=fleet["names"][i], link=fleet["files"][i])

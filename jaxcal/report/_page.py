@@ -143,7 +143,8 @@ footer { color: var(--muted); font-size: .875rem; padding-bottom: 2rem; }
   body { font-size: 9pt; line-height: 1.35; }
   header, main, footer { max-width: none; padding: 0; }
   figure, table, li, dd { break-inside: avoid; }
-  nav, .numbers, #tools, details:has(> .numbers, > pre, > summary > #tools, > summary > #meaning, > summary > #details) { display: none; }
+  nav, .replay, .numbers, #tools { display: none; }
+  details:has(> .numbers, > pre, > summary > #tools, > summary > #meaning, > summary > #details) { display: none; }
   section > .numbers { display: block; max-height: none; }
   ul:has(+ .every), .exact { display: none !important; }
   .main, .live > .static { display: grid; grid-template-columns: 1fr 1fr; gap: 0 1rem; }

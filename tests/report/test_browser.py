@@ -10,6 +10,7 @@ import pytest
 import yaml
 
 from jaxcal.report import write
+from jaxcal.report._fleet import write_fleet
 
 from . import browser, made
 
@@ -268,6 +269,26 @@ def test_the_sphere_turns_under_the_finger_and_tells_its_residuals(tab, pages):
 FIGURE = "document.querySelectorAll('.charts .views figure')[{}]"
 PRESS = FIGURE + ".querySelector('.chart').dispatchEvent(new KeyboardEvent('keydown', {{key: '{}', bubbles: true}}))"
 SAID = FIGURE + ".querySelector('.readout').textContent"
+
+
+def test_the_motion_of_a_device_is_replayed(tab, pages):
+    tab.open((pages / "joint.html").as_uri())
+    replay = "document.querySelector('.replay').sphere"
+    assert tab.run(f"{replay}.go(7); {replay}.readout.textContent") == f"{tab.run(f'{replay}.data.time[7]'):g} s"
+    assert np.allclose(np.linalg.det(np.reshape(tab.run(f"{replay}.data.frames"), (-1, 3, 3))), 1, atol=0.02)
+    assert tab.run("document.querySelector('.replay button').click(); document.querySelector('.replay button').textContent") == "pause"
+    assert tab.complaints() == []
+
+
+def test_a_log_of_a_fleet_stands_out_and_leads_to_its_result(tab, tmp_path):
+    curves = {"gyro_x": {i: ([0.1, 1.0], [2e-4 + i * 1e-5, 1e-4]) for i in range(2)}}
+    known = {"names": ["a.csv", "b.csv"], "files": ["results/a.json", "results/b.json"], "curves": curves, "failed": [], "warnings": []}
+    write_fleet({"task": {"name": "noise"}, "logs": 2, "spread": {}} | known, tmp_path / "overview.html")
+    tab.open((tmp_path / "overview.html").as_uri())
+    over = """document.querySelector('[data-log="b.csv"]').dispatchEvent(new PointerEvent('pointerenter'))"""
+    assert tab.run(f"{over}; [document.getElementById('log').value, document.getElementById('result').getAttribute('href')]") == [
+        "b.csv", "results/b.json"
+    ]  # fmt: skip
 
 
 def test_residuals_of_poses_are_explored(tab, pages, results):
