@@ -69,11 +69,9 @@ def bursts(values: Samples, rate: float | int) -> list[tuple[int, int]]:
         new = record.events(h)
         if new.any():
             out |= new
-            out = _filled(out, record.longest)
+            _fill(out, record.longest)
             record.drop(out)
         h *= 2
-    if not out.any():
-        return []
     rows = np.flatnonzero(record.present)  # a gap inside is part of a stretch, one beside it is not
     starts, stops = runs(out[rows])
     return list(zip(rows[starts].tolist(), (rows[stops - 1] + 1).tolist(), strict=True))
@@ -188,8 +186,6 @@ class _Record:
     def drop(self, out: np.ndarray) -> None:
         """Take the rows of events out, and join the levels before and after."""
         kept = ~out[self.index]
-        if kept.all():
-            return
         self.columns = [column[kept] for column in self.columns]
         self.index = self.index[kept]
         self._sum()
@@ -250,15 +246,13 @@ def _limit(axes: int, pairs: float | int, chance: float) -> float:
     return float(axes * scipy.special.fdtri(axes, EFFICIENCY * pairs, 1.0 - chance))
 
 
-def _filled(out: np.ndarray, longest: int) -> np.ndarray:
-    """Fill what lies between two stretches and is shorter than both together and than the longest lag: the top of a knock."""
+def _fill(out: np.ndarray, longest: int) -> None:
+    """Fill, in place, what lies between two stretches and is shorter than both together and than the longest lag: the top of a knock."""
     starts, stops = runs(out)
     length = stops - starts
     close = starts[1:] - stops[:-1] < np.minimum(length[1:] + length[:-1], longest)
-    out = out.copy()
     for a, b in zip(stops[:-1][close], starts[1:][close], strict=True):
         out[a:b] = True
-    return out
 
 
 def stuck(columns: list[np.ndarray]) -> np.ndarray:

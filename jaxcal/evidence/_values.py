@@ -260,11 +260,8 @@ def _clipped(sensor: str, axis: int, column: np.ndarray, rate: float, unit: str)
 
 def clipped(values: np.ndarray) -> np.ndarray:
     """(n,) which rows have an axis at the end of its range, of a sensor that was cut off there."""
-    out = np.zeros(len(values), bool)
-    for column in values.T:
-        for one in _clipped("", 0, column, 1.0, ""):
-            out |= column == one.size
-    return out
+    there = (column == one.size for column in values.T for one in _clipped("", 0, column, 1.0, ""))
+    return np.any([np.zeros(len(values), bool), *there], axis=0)
 
 
 def _resampled(sensor: str, values: np.ndarray, rate: float, found: list[Stretch]) -> list[Stretch]:
@@ -362,7 +359,8 @@ def _warm_up(sensor: str, values: np.ndarray, rate: float, unit: str) -> list[St
         return []
     steps = np.diff(medians, axis=0)
     scatter = 1.4826 * np.median(np.abs(steps[1:]), axis=0)
-    limit = -scipy.special.stdtrit(EFFICIENCY * (len(steps) - 1), 0.1 * CHANCE) * scatter  # for each axis
+    known = scatter + [0.5 * resolution(column) / second for column in values.T]  # means of seconds come in steps if the values do
+    limit = -scipy.special.stdtrit(EFFICIENCY * (len(steps) - 1), 0.1 * CHANCE) * known  # for each axis
     axes = np.flatnonzero((np.abs(steps[0]) > limit) & (scatter > 0))
     if not len(axes):
         return []
