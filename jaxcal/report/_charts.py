@@ -13,8 +13,7 @@ from ._svg import Mark, figure, linear_axis, log_axis
 class Curve(NamedTuple):
     """Dots with intervals, or a line with the band of its interval.
 
-    `name` is the text of the switch, `label` the text beside a value; `hollow` are the indices of dots with less weight, `words` the
-    remarks on the dots.
+    `name` is the text of the switch, `label` the text beside a value; `hollow` are the indices of dots with less weight.
     """
 
     name: str
@@ -26,7 +25,6 @@ class Curve(NamedTuple):
     color: int = 0
     label: str = ""
     hollow: Sequence[int] = ()
-    words: Sequence[str] = ()
 
 
 class Chart(NamedTuple):
@@ -55,7 +53,7 @@ def _data(chart: Chart) -> dict[str, Any]:
     curves = []
     for one in chart.curves:
         held: dict[str, Any] = {"name": one.name, "label": one.label, "kind": one.kind, "color": one.color, "x": short(one.x, 6)}
-        held |= {"y": short(one.y, 6), "hollow": [int(i) for i in one.hollow], "words": list(one.words) or None}
+        held |= {"y": short(one.y, 6), "hollow": [int(i) for i in one.hollow]}
         held |= {name: None if values is None else short(values, 5) for name, values in (("low", one.low), ("high", one.high))}
         curves.append(held)
     return {"title": chart.title, "about": chart.about, "x": chart.x, "y": chart.y, "units": [list(unit) for unit in chart.units],

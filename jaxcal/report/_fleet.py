@@ -10,10 +10,9 @@ import numpy as np
 from .._answer._html import each
 from .._files import write_atomically
 from ..plot._style import number_label, unit_label
-from ._charts import Chart, Curve, charts
 from ._html import LISTED, MOST, PANELS, Markup, definitions, join, scroll, section, table, tag
 from ._page import page
-from ._svg import Mark, figure, log_axis
+from ._svg import Mark, figure, linear_axis, log_axis
 
 _LINEAR, _HALF = 5.0, 80.0  # distance up to which a row of points is linear, and half its width
 _MEANING = (
@@ -158,8 +157,10 @@ def _trends(fleet: dict[str, Any]) -> Markup:
     if not found:
         return section("Trends", "trends", tag("p", "None."))
     found.sort(key=lambda item: item[2]["p"])
-    figure = charts([_trend_chart(f"fleet-trend-{number}", fleet["names"], *item) for number, item in enumerate(found[:PANELS])])
-    return section("Trends", "trends", tag("ul", each("li", (trend["reason"] for _, _, trend in found[:LISTED]))), figure)
+    drawn = [_trend_figure(f"fleet-trend-{number}", *item) for number, item in enumerate(found[: PANELS // 2])]
+    return section(
+        "Trends", "trends", tag("ul", each("li", (trend["reason"] for _, _, trend in found[:PANELS]))), tag("div", *drawn, class_="main")
+    )
 
 
 def _warnings(fleet: dict[str, Any]) -> Markup:
@@ -197,17 +198,12 @@ def _bent(size: Any) -> Any:
     return np.where(size <= 1.0, size, 1.0 + np.log10(np.maximum(size, 1.0)))
 
 
-def _trend_chart(prefix: str, logs: list[str], name: str, one: dict[str, Any], trend: dict[str, Any]) -> Chart:
-    """The values of a coefficient over the order or the date of the logs."""
+def _trend_figure(prefix: str, name: str, one: dict[str, Any], trend: dict[str, Any]) -> Markup:
+    """The values of a coefficient over the order or the date of the logs; outliers are orange."""
     values, at = np.array(one["values"], dtype=float), np.array(trend["at"], dtype=float)
     odd = np.abs(np.array(one["scores"], dtype=float)) > one["limit"]
-    known = np.isfinite(values) & np.isfinite(at)
-    parts = {"logs": known & ~odd, "outliers": known & odd}
-    curves = [
-        Curve(what, "dots", at[there], values[there], color=color, label=what, words=[logs[i] for i in np.flatnonzero(there)])
-        for color, (what, there) in enumerate(parts.items())
-        if there.any()
-    ]
     along = f"{trend['along']}{' (days after the first)' if trend['along'] == 'date' else ''}"
-    about = f"{trend['reason']}."
-    return Chart(prefix, name, about, along, name, [(unit_label(one["unit"]), 1.0)], curves)
+    power = 10.0 ** math.floor(math.log10(np.nanmax(np.abs(values))))  # of ten, in the label in place of the ticks
+    x, y = linear_axis(along, [at]), linear_axis(f"{name} ({number_label(power, 1)} {unit_label(one['unit'])})", [values / power])
+    marks = [Mark("dots", at[there], values[there] / power, color) for color, there in enumerate((~odd, odd))]
+    return figure(prefix, name, f"{trend['reason']}.", x, y, marks)

@@ -2,7 +2,6 @@
 
 import datetime
 import importlib.metadata
-import os
 import pathlib
 from collections.abc import Sequence
 from typing import Any
@@ -11,7 +10,7 @@ from .._answer import Reader
 from .._errors import DataError
 from .._files import write_atomically
 from .._log import Log
-from .._types import Checked, Given
+from .._types import Checked, Given, PathLike
 from ._answer import answer_page, badge
 from ._html import Markup, inside, join, recorded, section, table, tag
 from ._page import page
@@ -20,13 +19,8 @@ _TITLES = {"Noise": "Sensor noise", "Alignment": "Alignment on a turntable"}  # 
 
 
 def write(
-    results: Given | Sequence[Any],
-    path: str | os.PathLike[str],
-    *,
-    log: Checked[Log] | None = None,
-    device: str | None = None,
-    reader: Reader = "python",
-) -> None:
+    results: Given | Sequence[Any], path: PathLike, *, log: Checked[Log] | None = None, device: str | None = None, reader: Reader = "python"
+) -> None:  # fmt: skip
     """Write a report: one self-contained HTML file for light and dark screens, phones and paper.
 
     The report begins with the verdict, the main picture, the warnings that matter most, and the numbers with their intervals. Further

@@ -123,7 +123,7 @@
         const i = nearest(c.x, x, false), value = c.y[i];
         if (c.kind === "dots") at = c.x[i];
         const limits = c.low && c.low[i] !== null ? ` (${number(c.low[i] / this.unit[1])} to ${number(c.high[i] / this.unit[1])})` : "";
-        const words = value === null ? "missing" : `${number(value / this.unit[1], 4)}${limits}${unit}${c.words ? `, ${c.words[i]}` : ""}`;
+        const words = value === null ? "missing" : `${number(value / this.unit[1], 4)}${limits}${unit}`;
         return make("span", { class: `c${c.color % 6}` }, make("b", {}, c.label || c.name), ` ${words}`);
       });
       this.readout.replaceChildren(make("span", {}, `${this.data.x}: ${number(at, 4)}`), ...parts.flatMap((part) => [" ", part]));
