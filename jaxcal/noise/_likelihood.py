@@ -9,6 +9,7 @@ with P_b the mean of nu_b ordinates (P. Whittle, J. R. Stat. Soc. B 15, 1953, on
 negative log-likelihood minus its value at S = P. The Fisher information is the expected one.
 """
 
+import functools
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ FAINT = 0.01  # in several starts one column begins with this fraction of an equ
 _STEPS, _SHORTEST, _GAINED, _DARK, _FLAT, _RIDGE = 50, 1e-3, 1e-4, 1e-9, 64.0, 1e-10
 _TINY, _EPS = np.finfo(float).tiny, np.finfo(float).eps
 _LEAST = np.sqrt(_TINY)  # a density above zero whose square is a number
+_eye = functools.cache(np.eye)  # it takes as long as a step of the solver
 
 
 def density(columns: AnyArray, theta: AnyArray) -> AnyArray:
@@ -125,7 +127,7 @@ def nonnegative(gram: AnyArray, target: AnyArray, free: Any, active: AnyArray, h
     """
     size = np.sqrt(gram.diagonal(axis1=-2, axis2=-1))
     size[size == 0.0] = 1.0
-    unit, goal, own = gram / (size[..., :, None] * size[..., None, :]), target / size, np.eye(gram.shape[-1])
+    unit, goal, own = gram / (size[..., :, None] * size[..., None, :]), target / size, _eye(gram.shape[-1])
     unit += _FLAT * _EPS * own
     enough = _RIDGE * np.abs(goal).max(axis=-1, keepdims=True)
     theta, bound, movable = goal, ~free, ~np.asarray(held)

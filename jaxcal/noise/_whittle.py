@@ -106,7 +106,7 @@ def _result(model: Described, asked: Asked, sensor: str) -> NoiseFit:
     fitted, names, dt = solved.fitted, solved.names, observed.dt
     if not (np.all(np.isfinite(fitted.theta)) and np.isfinite(fitted.cost)):
         raise FitError(Message("the fit gave no finite coefficients; give fewer {option.terms} or another {option.band}"))
-    begun = asked.begin(observed.drawn if model.changes.fitted else observed.filled, solved.end)
+    wait, used = asked.begin(observed.drawn if model.changes.fitted else observed.filled, solved.end)
     duration, unit = len(observed.y) * dt, float(solved.bins.unit)
     wider = widening(fitted.bins, unit, fitted.theta, names, observed.spectrum() * np.sqrt(dt))
     if len(observed.doubts):
@@ -117,7 +117,8 @@ def _result(model: Described, asked: Asked, sensor: str) -> NoiseFit:
     scale = float(wider.factor[names.index("N")]) if "N" in names else 1.0
     rival = rival_of(fitted, names, dt, duration, levels_of(asked.confidence), scale)
     limits, doubts = _beside(limits, [names[i] for i in solved.own], rival)
-    curve, used = begun()
+    curve = wait()
+    used = used[np.isin(asked.m, curve.m)]
     used[-1] |= not used.any()
     fit = assemble(
         *_squares(solved, covariance, limits, model.terms, observed, asked.confidence), model.terms, curve, duration,
