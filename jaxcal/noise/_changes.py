@@ -159,8 +159,9 @@ def _shapes(n: int, most: int, dt: float) -> dict[str, tuple[list[Change], AnyAr
 def _ratios(rests: AnyArray, densities: AnyArray, x: AnyArray, products: AnyArray) -> AnyArray:
     """Likelihood ratio (..., changes) of each change over the records of all axes, (..., axes, ordinates), of these densities."""
     _, count, p = x.shape
-    score = np.reshape((rests / densities) @ x.reshape(len(x), -1), (*rests.shape[:-1], count, p))
-    size = np.reshape((1.0 / densities) @ products.reshape(len(x), -1), (*score.shape, p))
+    # one product for all records of all densities
+    score = ((rests / densities).reshape(-1, len(x)) @ x.reshape(len(x), -1)).reshape(*rests.shape[:-1], count, p)
+    size = ((1.0 / densities).reshape(-1, len(x)) @ products.reshape(len(x), -1)).reshape(*score.shape, p)
     if p == 1:
         size = size[..., 0]
         return np.sum(np.where(size > 0.0, score**2 / np.where(size > 0.0, size, 1.0), 0.0), axis=(-3, -1))

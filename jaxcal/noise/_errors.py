@@ -40,7 +40,7 @@ class Widening(NamedTuple):
 
 
 def widening(bins: Bins, unit: float, theta: AnyArray, names: tuple[str, ...], spectrum: AnyArray) -> Widening:
-    """Factors for a fit of `bins`; `spectrum`, (n - 1,), are the ordinates of the record by the orthonormal DCT-II times sqrt(dt)."""
+    """Factors for a fit of `bins` in a `unit` of squares of the `spectrum`, (n - 1,), the orthonormal DCT-II of the record."""
     factor = _of_octaves(bins, theta)
     model = density(bins.columns, theta)
     loudest: list[tuple[float, float] | None] = [None] * len(names)

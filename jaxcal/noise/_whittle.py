@@ -108,7 +108,7 @@ def _result(model: Described, asked: Asked, sensor: str) -> NoiseFit:
         raise FitError(Message("the fit gave no finite coefficients; give fewer {option.terms} or another {option.band}"))
     wait, used = asked.begin(observed.drawn if model.changes.fitted else observed.filled, solved.end)
     duration, unit = len(observed.y) * dt, float(solved.bins.unit)
-    wider = widening(fitted.bins, unit, fitted.theta, names, observed.spectrum() * np.sqrt(dt))
+    wider = widening(fitted.bins, unit / dt, fitted.theta, names, observed.spectrum())
     if len(observed.doubts):
         doubt = doubted(fitted.bins, fitted.theta, observed.doubts / unit)
         # the search holds the fast terms, which no change of the mean looks like
