@@ -179,5 +179,4 @@ def _best_times(cost_of: Any, processes: int, dt: float, duration: float) -> tup
 def likeliest_time(fitted: Fitted, dt: float, duration: float) -> float:
     """Correlation time in s at which a Gauss-Markov process beside the fitted terms has the highest likelihood."""
     whole = np.ones(len(fitted.theta), dtype=bool)
-    (time,) = _best_times(lambda times: _fitted(fitted, whole, _processes(times), dt)[1], 1, dt, duration)
-    return time
+    return _best_times(lambda times: _fitted(fitted, whole, _processes(times), dt)[1], 1, dt, duration)[0]

@@ -145,8 +145,7 @@ def pooled(fits: Sequence[NoiseFit], confidence: float) -> RecordingsFit:
         logs = np.log([float(one.noise.coefficient(term)) for one in fits])
         own = np.mean([one.covariance[term, term] / (4.0 * float(one.noise.coefficient(term)) ** 4) for one in fits])
         scatter = np.var(logs, ddof=1)
-        width = reach * np.sqrt(max(scatter, own))
-        middle = logs.mean()
+        middle, width = logs.mean(), reach * np.sqrt(max(scatter, own))
         values[term], between[term] = float(np.exp(middle)), float(np.sqrt(max(scatter - own, 0.0)))
         interval[term] = float(np.exp(middle - width)), float(np.exp(middle + width))
     parts = [first.noise.part(term)[2] for term in first.terms]
