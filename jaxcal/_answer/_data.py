@@ -21,10 +21,14 @@ def plain(value: Any) -> Any:
     >>> plain({"low": np.array([1.0, np.inf]), 2: ("a", None)})
     {'low': [1.0, None], '2': ['a', None]}
     """
+    if value is None or isinstance(value, bool | int | str):  # most of a result are numbers
+        return value
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
     if hasattr(value, "to_dict") and not isinstance(value, type):
         value = value.to_dict()
     if hasattr(value, "__array__"):
-        value = np.asarray(value).tolist()
+        return plain(np.asarray(value).tolist())
     if hasattr(value, "_enumeration"):  # an item of an Equinox Enumeration, by its name
         names = value._enumeration._name_to_item.items()
         return next(name for name, item in names if int(item._value) == int(np.asarray(value._value)))
@@ -34,9 +38,7 @@ def plain(value: Any) -> Any:
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple | set | frozenset):
         return [plain(item) for item in value]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value if value is None or isinstance(value, bool | int | str) else str(value)
+    return str(value)
 
 
 def data_frame(columns: Mapping[str, Any]) -> Any:

@@ -29,6 +29,8 @@ class _Said:
 
     #: function of `jaxcal.plot` that draws the result, and whether it needs the readings before the result
     _figure: ClassVar[tuple[str, bool] | None] = None
+    #: fields that are not written to JSON
+    _unlisted: ClassVar[tuple[str, ...]] = ()
     #: class of the results of several channels, for results that come by channel
     _several: ClassVar[Any] = None
     #: whether a data frame has a row for each point of its curves, and not for each number
@@ -138,7 +140,8 @@ class _Said:
     def _fields(self) -> dict[str, Any]:
         """Fields of the result for JSON."""
         known: Any = self
-        names = [field.name for field in dataclasses.fields(known) if not field.name.startswith("_") and field.name != "findings"]
+        without = ("findings", *self._unlisted)
+        names = [field.name for field in dataclasses.fields(known) if not field.name.startswith("_") and field.name not in without]
         return {name: plain(getattr(self, name)) for name in names}
 
     def to_dataframe(self) -> Any:

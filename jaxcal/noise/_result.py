@@ -136,6 +136,7 @@ class NoiseFit(Result):
         return likelihood_of(self.spectrum, self.noise, 1.0 / self.deviation.rate)
 
     _figure = ("allan", False)
+    _unlisted = ("spectrum", "used")
 
     @staticmethod
     def _several(results: Mapping[str, "NoiseFit"]) -> Any:
@@ -156,8 +157,7 @@ class NoiseFit(Result):
 
     def _fields(self) -> dict[str, Any]:
         """Fields for JSON: the coefficients by term, and not the spectrum, which the record gives."""
-        found = super()._fields() | {"coefficients": {term: plain(self.noise.coefficient(term)) for term in self.terms}}
-        return {name: value for name, value in found.items() if name not in ("spectrum", "used")}
+        return super()._fields() | {"coefficients": {term: plain(self.noise.coefficient(term)) for term in self.terms}}
 
     def channel(self, index: int) -> "NoiseFit":
         """The fit of one channel of a record that has several.
