@@ -122,7 +122,7 @@ def _spread(fleet: dict[str, Any]) -> Markup:
     )
     if len(drawn) < len(shown):
         caption += f" {len(drawn)} of {len(shown)} coefficients have points."
-    columns = ("Coefficient", "Distance of every log", "Unit", "Logs", "Median", "5 %", "95 %", "Robust s.d.", "Own error", "Outliers")
+    columns = ("Coefficient", "Each log", "Unit", "Logs", "Median", "5 %", "95 %", "Robust s.d.", "Own error", "Outliers")
     rows = [
         (name, _strip(one, reach) if name in drawn else "", unit_label(one["unit"]), one["count"],
          *(_shown(one[key]) for key in ("median", "low", "high", "sigma", "own")), len(one["outliers"])) for name, one in shown.items()

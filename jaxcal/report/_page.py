@@ -100,7 +100,7 @@ dd { margin: 0; }
 .ink { --c: var(--ink); } .shade { --c: var(--shade); }
 .drawn path { fill: none; stroke: var(--c); stroke-linejoin: round; stroke-width: 2; }
 .drawn text { font-size: 12px; }
-.scroll svg.strip { width: 8rem; min-width: 8rem; height: 1.35rem; }
+.scroll svg.strip { width: 9rem; min-width: 9rem; height: 1.35rem; }
 .drawn .scroll svg { min-width: 0; max-width: 42rem; }
 .drawn .grid { stroke: var(--grid); stroke-width: 1; } .drawn .frame { stroke: var(--muted); stroke-width: 1; }
 .drawn a path { pointer-events: stroke; } .drawn .chosen path { stroke: var(--series-2); stroke-width: 4; }
