@@ -78,6 +78,8 @@ def test_public_parameters_have_types():
 
 def test_version_is_the_installed_one():
     assert jaxcal.__version__ == importlib.metadata.version("jaxcal")
+    needed = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["requires-python"]
+    assert f"Python {needed.removeprefix('>=')} or newer. " in (ROOT / "README.md").read_text()
 
 
 def test_an_unknown_name_is_an_attribute_error():

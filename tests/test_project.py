@@ -140,7 +140,7 @@ def pyright(*words, cwd):
 def test_types_of_the_interface_are_known(tmp_path):
     found = pyright("--verifytypes", "jaxcal", "--ignoreexternal", cwd=tmp_path)["typeCompleteness"]
     unknown = [symbol["name"] for symbol in found["symbols"] if symbol["isExported"] and not symbol["isTypeKnown"]]
-    assert found["completenessScore"] >= 0.95, unknown
+    assert found["completenessScore"] == 1, unknown
 
 
 @pytest.mark.long

@@ -1,6 +1,8 @@
 """`jaxcal simulate noise` and `jaxcal demo`."""
 
 import json
+import pathlib
+import re
 
 import numpy as np
 import pytest
@@ -55,6 +57,8 @@ def test_the_demo_runs_from_the_shell_and_its_log_gives_the_same_again(tmp_path,
     assert listing(tmp_path / "device") == ["calibration.json", "imu.csv", "imu.yaml", "noise.json", "report.html"]
     lines = found.out.splitlines()
     assert max(map(len, lines)) <= 80
+    readme = (pathlib.Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    assert re.search(r"```\n(good: .*?)```", readme, re.DOTALL)[1] in found.out
     hits = next(line for line in lines if "intervals of 95 % hold the truth" in line)
     assert int(hits.split()[0]) >= 20  # of 24; fewer have a probability below 1 in 100
     numbers = json.loads((tmp_path / "device" / "noise.json").read_text())["numbers"]
