@@ -84,7 +84,7 @@ def response(a: Any, b: Any, cells: Any, size: Any, tables: Any) -> dict[str, Ar
     gain = jnp.einsum("nab,nbc,scd->snad", before, one[None] + square / 24 + square @ square / 1920, b)  # mean of Phi(t, s) B over a cell
     slope = jnp.einsum("nab,nbc,scd->snad", before, rates, b) * size / 12**0.5  # and how it changes there
     driven = jnp.einsum("snab,nbck->sack", gain, cells["driven"]) * size
-    white = sum(jnp.einsum("snax,ncxy,snby->scab", part, cells["outer"], part) * size for part in (gain, slope))
+    white: Any = sum(jnp.einsum("snax,ncxy,snby->scab", part, cells["outer"], part) * size for part in (gain, slope))
     kernel = jnp.einsum("snab,nbc->scan", gain, cells["driven"][..., 0])
     toeplitz, mean, square = tables
     # a circulant of twice the length holds the Toeplitz matrix

@@ -79,7 +79,8 @@ def sensors_of(source: Any, errors: Mapping[str, Any] | None, temperature: float
         parts["mag"] = known.magnetometer
     found: list[tuple[str, Any]] = []
     warm = [one for one in (known.temperature, *(part.model for part in parts.values())) if isinstance(one, Thermal | ThermalTriad)]
-    at = warm[0].reference if warm and temperature is None else temperature
+    reference: Any = warm[0].reference if warm else 0.0
+    at = float(reference if temperature is None else temperature)
     for sensor, part in parts.items():
         estimate = None if part.estimate is None else part.estimate.select("matrix*", "bias*", "g_sens*", "soft_iron*", "hard_iron*")
         if estimate is not None and len(estimate.names):
@@ -148,7 +149,7 @@ def _shape(sensor: str, driver: str, matrix: Any) -> np.ndarray:
     return shape
 
 
-def _inverse(part: Any, at: float | None) -> np.ndarray:
+def _inverse(part: Any, at: float) -> np.ndarray:
     """Inverse of the matrix of a sensor, at a temperature."""
     if part is None:
         return np.eye(3)
@@ -162,8 +163,9 @@ def _thermal(known: Calibration, parts: dict[str, Any], at: float, size: float, 
     shape, both = np.zeros((len(SENSORS), 3, sum(DRIVERS.values()))), at + (size or 1.0) * np.array([-1.0, 1.0])
     slope = lambda ends: (ends[1] - ends[0]) / (both[1] - both[0])  # noqa: E731
     for own, sensor in zip(shape, SENSORS, strict=True):
-        part, bias = parts.get(sensor), np.zeros((3, 1))
-        inverse, warm = _inverse(part, at), part is not None and isinstance(part.model, ThermalTriad)
+        part: Any = parts.get(sensor)
+        bias = np.zeros((3, 1))
+        inverse, warm = _inverse(part, at), isinstance(getattr(part, "model", None), ThermalTriad)
         for axis, model in {} if known.temperature is None else known.temperature.of(sensor).items():
             bias[AXES.index(axis)] += slope(np.asarray(model.curve.value(np.clip(both, model.low, model.high))))
         matrix, more, cross = map(slope, part.model.at(both)) if warm else np.zeros((3, 3, 3))

@@ -1,6 +1,7 @@
 """`jaxcal budget`: what the errors of a sensor cost; `jaxcal sheet`: the noise of a data sheet for other tools."""
 
 import math
+import textwrap
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -96,11 +97,11 @@ def budget(
     screen.lines(tables(found.verdict, found.headline, found.sections(), told, **how))
     for name, value in limit.items():
         inside = math.radians(value) if GROUPS[name][1] == "angle" else value
-        factors = jaxcal.budget.requirement(found, after=found.time[-1], **{name: inside})
+        factors = jaxcal.budget.requirement(found, after=float(found.time[-1]), **{name: inside})
         causes = [cause for cause, _ in found.largest(name, found.time[-1])]
         known = [one for one in ("all", "noise", "calibration", "turning", "record", *causes) if one in factors]
         words = (f"{one} {'does not suffice' if math.isnan(factors[one][0]) else f'times {factors[one][0]:.3g}'}" for one in known)
-        screen.lines(["", f"{require} after {found.time[-1]:g} s, by one of: {', '.join(words)}"])
+        screen.lines(["", *textwrap.wrap(f"{require} after {found.time[-1]:g} s, by one of: {', '.join(words)}", 80)])
     screen.lines(things_to_know(told, more="-v", **how))
     show_written(screen, list(targets))
 

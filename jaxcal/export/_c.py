@@ -106,8 +106,7 @@ def _sensor(
         held |= {"_RANGE[3]": [part.reference, part.low, part.high], "_FORWARD[3][3]": part.matrix}
         add = f" + {low}powers({name}_%s, {len(part.bias_powers)}, e)"
         for field, size in (("matrix", "[3][3]"), ("bias", "[3]"), *[("g_sensitivity", "[3][3]")] * (sensor == "gyro")):
-            powers = np.moveaxis(getattr(part, f"{field}_powers"), 0, -1)
-            held[f"_{field.upper()}_POWERS{size}[{powers.shape[-1]}]"] = powers
+            held[f"_{field.upper()}_POWERS{size}[{len(part.bias_powers)}]"] = np.moveaxis(getattr(part, f"{field}_powers"), 0, -1)
         above = f"  const float e = {low}above(temperature, {', '.join(f'{name}_RANGE[{i}]' for i in range(3))});\n"
         bias, felt = bias + add % "BIAS_POWERS[i]", f"({felt}{add % 'G_SENSITIVITY_POWERS[i][k]'})"
         entry = f"m[i][k] = {name}_FORWARD[i][k]{add % 'MATRIX_POWERS[i][k]'};\n"
