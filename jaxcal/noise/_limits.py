@@ -93,4 +93,4 @@ def profile_limits(
         if not len(todo):
             break
         root, rise = root_of(todo, u[todo] ** 2)
-    return Limits(*(found**2).reshape(3, count), at_zero**2)
+    return Limits._make((*(found**2).reshape(3, count), at_zero**2))
