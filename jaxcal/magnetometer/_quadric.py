@@ -25,9 +25,10 @@ from .._errors import FitError
 from .._types import AnyArray
 from ..evidence._values import clipped, held
 
-#: place of each entry of a symmetric matrix among its six upper ones, the their rows and columns, and the matrix (9, 6) from them to all
-PLACE = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
-UPPER = np.triu_indices(len(PLACE))
+#: place of each entry of a symmetric matrix among its six upper ones, then their rows and columns, and the matrix (9, 6) from them to all;
+#: int32, since JAX takes an array of NumPy as it first met it, and x64 may be off the next time
+PLACE = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]], dtype=np.int32)
+UPPER = tuple(part.astype(np.int32) for part in np.triu_indices(len(PLACE)))
 SYMMETRIC = np.equal.outer(PLACE.ravel(), np.unique(PLACE)).astype(float)
 #: number of parameters of each kind
 COUNT = {"sphere": 4, "diagonal": 6, "symmetric": 9}

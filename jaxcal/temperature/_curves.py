@@ -20,8 +20,9 @@ def sigmoid(t: Real, centre: Real, width: Real) -> Any:
 
 
 def common(xp: ModuleType, *values: Any) -> list[Any]:
-    """Convert values to arrays of their widest floating-point type, at least float32."""
+    """Convert values to arrays of their widest floating-point type, at least float32; in JAX without x64, of float32."""
     kind = np.result_type(*(value.dtype if hasattr(value, "dtype") else np.dtype(float) for value in values), np.float32)
+    kind = kind if xp is np else jax.dtypes.canonicalize_dtype(kind)
     return [xp.asarray(value, dtype=kind) for value in values]
 
 
