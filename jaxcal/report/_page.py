@@ -143,11 +143,14 @@ footer { color: var(--muted); font-size: .875rem; padding-bottom: 2rem; }
   body { font-size: 9pt; line-height: 1.35; }
   header, main, footer { max-width: none; padding: 0; }
   figure, table, li, dd { break-inside: avoid; }
-  nav, .replay, .numbers, #tools { display: none; }
+  nav, .replay, .numbers, #tools, #brush { display: none; }
   details:has(> .numbers, > pre, > summary > #tools, > summary > #meaning, > summary > #details) { display: none; }
-  section > .numbers { display: block; max-height: none; }
+  section > .numbers { display: block; max-height: none; overflow: visible; }
+  section > .numbers table { font-size: 7pt; }
+  section > .numbers .strip { width: 6rem; min-width: 6rem; }
   ul:has(+ .every), .exact { display: none !important; }
-  .main, .live > .static { display: grid; grid-template-columns: 1fr 1fr; gap: 0 1rem; }
+  .sphere { display: block; }
+  .main, .live > .static, .aside { display: grid; grid-template-columns: 1fr 1fr; gap: 0 1rem; }
   figure { margin: .5rem 0; }
   th, td { padding: .15rem .4rem; }
   h2, h3 { break-after: avoid; }
