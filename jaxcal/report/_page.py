@@ -143,7 +143,7 @@ footer { color: var(--muted); font-size: .875rem; padding-bottom: 2rem; }
   body { font-size: 9pt; line-height: 1.35; }
   header, main, footer { max-width: none; padding: 0; }
   figure, table, li, dd { break-inside: avoid; }
-  nav, .replay, .numbers, #tools, #brush { display: none; }
+  nav, .sphere.replay, .numbers, #tools, #brush { display: none; }
   details:has(> .numbers, > pre, > summary > #tools, > summary > #meaning, > summary > #details) { display: none; }
   section > .numbers { display: block; max-height: none; overflow: visible; }
   section > .numbers table { font-size: 7pt; }
