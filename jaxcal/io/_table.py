@@ -268,8 +268,8 @@ def _units(
                     raise DataError(Message(said, like=like, at=_spelled(found.columns[name], ":", ",")), code="accel_as_gyro")
             guesses[name] = _unit(name, values[name], stated, where, period, turns, name in units, signals.findings)
         except DataError as error:
-            apart = (name == "mag" and stated is None) or name == "temperature" or getattr(error, "code", "") == "gravity_free"
-            if name in found.guessed and len(raw) > 1 and apart:  # the other sensors can be used without it
+            apart = (stated is None and (name == "mag" or getattr(error, "code", "") == "gravity_free")) or name == "temperature"
+            if name in found.guessed and set(raw) - {name, "temperature"} and apart:  # the other sensors can be used without it
                 signals.findings.append(READ("left_out", name, why=getattr(error, "why", error), quantity=name))
             else:
                 problems.append(error)

@@ -153,9 +153,9 @@ def weigh_values(one: Triple, table: Any, wanted: str | None, *, nameless: bool 
     # the length of a rate changes more than that of gravity or a field
     sure = ODDS["values"] + 0.5 * min(2.0, -np.log10(max(steady, 1e-9)))
     radius, how = field_size(values)
-    # where the name says rate, the length must be that of gravity and not nearly so
+    # where the name says rate, the length must be that of gravity and steady, and not nearly so
     nearly = int(one.odds["gyro"] <= one.odds["accel"])
-    heavy = steady < 0.5 and bool(_guess.fitting("accel", median_norm(values), nearly) or counts_hint("accel", values))
+    heavy = steady < (0.1, 0.5)[nearly] and bool(_guess.fitting("accel", median_norm(values), nearly) or counts_hint("accel", values))
     field = (
         steady < 0.9
         and not (nameless and all_integer(values))

@@ -354,7 +354,10 @@ def _known(names: list[str]) -> int:
 
 def _grouped(axes: list[str], above: list[str]) -> list[str]:
     """Axes with their groups before them, each of which is named once or above every axis, as pandas and workbooks write them."""
-    filled = itertools.accumulate(above, lambda group, word: word if word and not word.startswith("Unnamed") else group)
+    filled, group = [], ""
+    for word in above:
+        group = word if word and not word.startswith("Unnamed") else group
+        filled.append(group)
     return [f"{one}_{name}" if one and name else one or name for one, name in zip(filled, axes, strict=False)]
 
 
