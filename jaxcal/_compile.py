@@ -117,8 +117,9 @@ def filter_jit(function: Callable[..., Any], further: dict[str, Any] | None = No
             return direct(*args, **kwargs)
         arrays, fixed = _split((args, kwargs))
         if is_traced(arrays):
-            # where x64 is off, float64 of NumPy would stay float64 in the inner program
-            return _joined(*plain([array.astype(jax.dtypes.canonicalize_dtype(array.dtype)) for array in arrays], fixed))
+            # where x64 is off, float64 of NumPy would stay float64 in the inner program; arrays and keys of JAX are right
+            arrays = [x if isinstance(x, jax.Array) else x.astype(jax.dtypes.canonicalize_dtype(x.dtype)) for x in arrays]
+            return _joined(*plain(arrays, fixed))
         kept = _stores and jax.default_backend() == "cpu"
         found = _stores[0].run(call, lower, arrays, fixed, functools.partial(_joined, fixed=fixed)) if kept else None
         return _joined(*((quick if is_quick() else plain)(arrays, fixed) if found is None else found))
