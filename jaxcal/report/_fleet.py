@@ -98,8 +98,8 @@ def _curves(fleet: dict[str, Any]) -> Markup:
             for i, label in enumerate(("cluster time (s)", f"deviation ({unit_label(units[0])})" if units else "deviation"))
         )
         lines = [
-            Mark("line", *curve, int(fleet["names"][i] in odd), look="thin", log=fleet["names"][i], link=fleet["files"][i])
-            for i, curve in curves.items()
+            Mark("line", tau, deviation, int(fleet["names"][i] in odd), look="thin", log=fleet["names"][i], link=fleet["files"][i])
+            for i, (tau, deviation) in curves.items()
         ]  # fmt: skip
         about = f"{len(lines)} logs; those in orange have an outlier."
         figures.append(figure(f"curves-{channel}", channel, about, x, y, lines))
