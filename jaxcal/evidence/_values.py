@@ -245,8 +245,9 @@ def _clipped(sensor: str, axis: int, column: np.ndarray, rate: float, unit: str)
             continue
         others = column[(column != extreme) & np.isfinite(column)]
         neighbour = others.min() if extreme == low else others.max()
-        starts, stops = runs(column == extreme)
-        ends = np.concatenate([column[starts[starts > 0] - 1], column[stops[stops < len(column)]]])
+        inside = column == extreme
+        edge = np.flatnonzero(inside[1:] != inside[:-1])
+        ends = np.where(inside[edge], column[edge + 1], column[edge])  # beside the end of the range
         ends = np.abs(ends[np.isfinite(ends)] - extreme)
         # a coarse sensor at rest has few levels, any of them may be frequent, and it changes by one of them
         if (

@@ -184,7 +184,5 @@ def followed(span: np.ndarray, columns: np.ndarray, residuals: np.ndarray) -> tu
     calm = tamed(span, residuals)
     coefficients = np.linalg.lstsq(free / size, calm, rcond=1e-9)[0] / size
     rest = calm - free @ coefficients
-    gain = len(residuals) * float(np.log(np.sum(calm**2) / np.sum(rest**2)))
-    chance = float(chi_square_tail(gain, size.size))
-    # correlated readings count less: only a chance that is small otherwise asks how much less
-    return coefficients, chance if chance >= CHANCE else float(chi_square_tail(gain / correlation_time(rest), size.size))
+    gain = len(residuals) / correlation_time(rest) * np.log(np.sum(calm**2) / np.sum(rest**2))
+    return coefficients, float(chi_square_tail(float(gain), size.size))

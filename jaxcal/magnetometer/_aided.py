@@ -12,8 +12,6 @@ entries that are seen. A vehicle at level shows two columns of C; the third, and
 but level headings do not depend on them.
 """
 
-import dataclasses
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -47,20 +45,17 @@ class Known(NamedTuple):
     dip_error: float = np.inf
 
 
-@dataclasses.dataclass(frozen=True)
-class Solution:
+class Solution(NamedTuple):
     """Parameters of the fit with their covariance: C by rows, b, logarithm of the gain, dip, bias and delay of the rates, K by currents.
 
-    sigma : (2,) standard deviations across and along the surface. parts : whether the covariance is
-    that of fits without parts of the log. along : whether a reading has a residual along the surface. across : (n,) residuals.
+    parts : whether the covariance is that of fits without parts of the log. along : (n,) whether a reading has a residual along the
+    surface. spread : standard deviation of these over the field.
     """
 
     parameters: np.ndarray
     covariance: np.ndarray
-    sigma: np.ndarray
     parts: bool
     along: np.ndarray
-    across: np.ndarray
     converged: bool
     spread: float
 
@@ -172,8 +167,8 @@ class _Data:
         return np.where(there, point, h), np.where(there, around, 0.0), np.where(there, slope, 0.0)
 
 
-def _rows(data: _Data, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Residuals (k,), derivatives of the model (k, p), whether a residual is along the surface, and its reading, in order of time."""
+def _rows(data: _Data, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Residuals (k,), derivatives of the model (k, p), and whether a residual is along the surface, in order of time."""
     matrix, centre, terms = p[_C].reshape(3, 3), p[_B], p[18:].reshape(-1, 3)
     n, width = len(data.u), len(p)
     z = data.u - centre - data.currents @ terms
@@ -203,8 +198,7 @@ def _rows(data: _Data, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarra
     if data.kind == "rates":
         _free_of_segments(data, ways[:, 1:] @ matrix, point, residual, rows)
     along = np.broadcast_to([False, True, True], (n, 3))
-    number = np.broadcast_to(np.arange(n)[:, None], (n, 3))
-    return residual[kept], rows[kept], along[kept], number[kept]
+    return residual[kept], rows[kept], along[kept]
 
 
 def _free_of_segments(data: _Data, ways: np.ndarray, point: np.ndarray, residual: np.ndarray, rows: np.ndarray) -> None:
@@ -253,8 +247,8 @@ def _odd(base: np.ndarray) -> np.ndarray:
 def solved(
     u: np.ndarray, at: Attitudes, begin: tuple[np.ndarray, np.ndarray], base: np.ndarray, held: np.ndarray, known: Known,
     currents: np.ndarray, noise: float,
-) -> Solution:  # fmt: skip
-    """The fit of readings (n, 3), of size about one, from a start (C, b).
+) -> Solution | None:  # fmt: skip
+    """The fit of readings (n, 3), of size about one, from a start (C, b); None if there is none.
 
     base : rotation that exchanges axes, near which C is. held : (k, 3) axes, of the magnetometer, about which it is small.
     currents : (n, k).
@@ -263,11 +257,7 @@ def solved(
     p = np.concatenate([begin[0].ravel(), begin[1], np.zeros(6), np.zeros(3 * currents.shape[1])])
     p[_GAIN], p[_DIP] = np.log(np.abs(np.linalg.det(begin[0]))) / 3, known.dip
     free = np.ones(len(p), dtype=bool)
-    free[_LAG], free[_DIP] = data.kind == "rates", data.kind == "vertical" and known.dip_error > 0
-    free[_GAIN] = known.field_error > 0
-    if data.kind == "vertical" and not np.isfinite(known.dip_error):
-        y = unit((u - begin[1]) @ np.linalg.inv(begin[0]).T)
-        p[_DIP] = -np.arcsin(np.clip(np.mean(np.sum(y * data.up, axis=1)[data.paired]), -0.999, 0.999))
+    free[_LAG], free[_DIP] = data.kind == "rates", data.kind == "vertical"
     lag, spread, sigma, converged = np.zeros(4), _SOFT, np.full(2, max(noise, EXACT)), False
     turned, odd = _TURNED if at.rotated else _SYMMETRIC, held @ _odd(base)
     turn = 0
@@ -275,7 +265,7 @@ def solved(
         if data.kind == "rates" and (turn == 0 or np.any(p[_LAG])):
             lag, p[_LAG] = lag + p[_LAG], 0.0
             data.turned(lag)
-        left, rows, along, number = _rows(data, p)
+        left, rows, along = _rows(data, p)
         size = sigma[along.astype(int)]
         more, extra = _prior(p, free, base, spread, known, odd, turned, -lag[3])
         whole = np.concatenate([rows / size[:, None], extra])[:, free]
@@ -296,28 +286,20 @@ def solved(
         if at.rotated:
             turned = _learnt(odd @ p[_C] / gain, np.sqrt(np.diag(odd @ inverse[:9, :9] @ odd.T)) / gain, _TURNED)
         if not np.isfinite(p).all() or not np.isfinite(sigma).all():
-            break
+            return None
         converged = bool(turn > 2 and np.abs(step / error).max() < SETTLED and np.abs(sigma / last - 1).max() < 0.01)
         turn += 1
         if converged or turn == ROUNDS:
             break
     # a matrix that mirrors is no sensor: the attitudes contradict the readings
-    good = bool(np.isfinite(p).all() and np.isfinite(sigma).all() and np.linalg.det(p[_C].reshape(3, 3)) > 0)
-    full, parts = np.full((len(p), len(p)), 0.0 if good else np.inf), False
-    if not good:
-        converged = False
-        p = np.concatenate([begin[0].ravel(), begin[1], np.zeros(len(p) - 12)])
-    else:
-        matrix, prior = inverse, whole[len(left) :].T @ whole[len(left) :]
-        if sigma[0] > EXACT:
-            matrix, parts = by_parts(inverse, whole[: len(left)], left / size, prior)
-        full[np.ix_(free, free)] = matrix
-        if data.kind == "rates":
-            p[_LAG] += lag
-    across = np.zeros(len(u))
-    across[number[~along]] = left[~along]
-    size = float(np.exp(p[_GAIN]))
-    return Solution(p, full, sigma, parts, data.paired, across, converged, float(sigma[1] / size) if along.any() else np.nan)
+    if not np.linalg.det(p[_C].reshape(3, 3)) > 0:
+        return None
+    full, parts, prior = np.zeros((len(p), len(p))), False, whole[len(left) :].T @ whole[len(left) :]
+    if sigma[0] > EXACT:
+        inverse, parts = by_parts(inverse, whole[: len(left)], left / size, prior)
+    full[np.ix_(free, free)] = inverse
+    p[_LAG] += lag
+    return Solution(p, full, parts, data.paired, converged, float(sigma[1] / np.exp(p[_GAIN])) if along.any() else np.nan)
 
 
 def _learnt(off: np.ndarray, error: np.ndarray, usual: float) -> float:
@@ -331,31 +313,3 @@ def _size(left: np.ndarray, used: np.ndarray, which: np.ndarray, nuisance: int) 
         return 1.0
     freedom = max(float(np.sum(which) - used[which].sum()) - nuisance, 1.0)
     return max(float(np.sqrt(np.sum(left[which] ** 2) / freedom)), EXACT)
-
-
-def poses(m: np.ndarray, up: np.ndarray, heading: np.ndarray | None, most: float, steps: float) -> np.ndarray:
-    """Number (n,) of the pose of each reading: successive readings with verticals within an angle, at one heading.
-
-    Where it is not known, readings of a pose are no farther apart than so many usual steps from one reading to the next, or angles.
-    """
-    number, pose, cosine, first = np.zeros(len(m), dtype=int), 0, float(np.cos(most)), 0
-    open_ = np.ones(len(m), dtype=bool) if heading is None else np.isnan(heading)
-    angle = np.where(open_, 0.0, 0.0 if heading is None else heading)
-    size = np.sqrt(np.mean(np.sum((m - np.median(m, axis=0)) ** 2, axis=1)))
-    reach = steps * min(float(np.median(np.linalg.norm(np.diff(m, axis=0), axis=1))), most * float(size))
-    rows = np.concatenate([np.nan_to_num(up), angle[:, None], open_[:, None], m], axis=1).tolist()
-    for i in range(1, len(m)):
-        (a, b, c, now, free, *one), (d, e, f, then, other_free, *other) = rows[first], rows[i]
-        if (now, free) != (then, other_free) or a * d + b * e + c * f <= cosine or (free and math.dist(one, other) > reach):
-            pose, first = pose + 1, i
-        number[i] = pose
-    return number
-
-
-def averaged(x: np.ndarray, number: np.ndarray) -> np.ndarray:
-    """Mean of the rows of each pose that are no NaN."""
-    there = np.isfinite(x).reshape(len(x), -1).all(axis=1)
-    total, count = np.zeros((number.max() + 1, *x.shape[1:])), np.bincount(number[there], minlength=number.max() + 1)
-    np.add.at(total, number[there], x[there])
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return total / count.reshape(-1, *[1] * (x.ndim - 1))

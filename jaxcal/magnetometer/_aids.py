@@ -191,9 +191,7 @@ class Attitude(eqx.Module):
 
     def __check_init__(self) -> None:
         if np.ndim(self.quaternion) != 2 or np.shape(self.quaternion)[1] != 4:
-            raise DataError(
-                f"The attitudes have shape {np.shape(self.quaternion)}; expected quaternions (n, 4), w first.", code="bad_shape"
-            )
+            raise DataError(f"The attitudes have shape {np.shape(self.quaternion)}; expected (n, 4), w first.", code="bad_shape")
 
     @property
     def accel(self) -> AnyArray:
@@ -213,7 +211,7 @@ class Attitudes(NamedTuple):
 
     source : key of `NAMES`. up : (n, 3) unit vectors, NaN where unknown. heading : (n,) rad, NaN where unknown. gyro, rate, rows : rates
     (k, 3) in rad/s at all samples of a log, the samples per second, and the sample of each reading. rotated : whether C may have a rotation
-    that these show. level : whether the readings count as level. dip : known inclination in rad, or None.
+    that these show. dip : known inclination in rad, or None.
     """
 
     source: str = ""
@@ -223,7 +221,6 @@ class Attitudes(NamedTuple):
     rate: float = 0.0
     rows: Any = None
     rotated: bool = True
-    level: bool = False
     dip: float | int | None = None
 
 
@@ -284,27 +281,22 @@ def still(accel: np.ndarray) -> np.ndarray:
     return there & (np.abs(size / usual - 1) < _STILL)
 
 
-def _verticals(accel: Any, count: int) -> np.ndarray:
+def _verticals(accel: Any) -> np.ndarray:
     """Unit vectors that point up, (n, 3), NaN where the sensor is not at rest."""
-    force = like(accel, count, "specific force")
+    force = vectors(accel, "specific force")
     return np.where(still(force)[:, None], unit(force), np.nan)
 
 
-def told(aid: Any, count: int) -> Attitudes:
+def told(aid: Any) -> Attitudes:
     """What an aid tells of the attitudes of all readings of a log."""
     if aid is None:
         return Attitudes(rotated=False)
     if isinstance(aid, Gyroscope):
-        return Attitudes("gyro", gyro=like(aid.gyro, count, "rates"), rate=float(aid.rate))
+        return Attitudes("gyro", gyro=vectors(aid.gyro, "rates"), rate=float(aid.rate))
     if isinstance(aid, Accelerometer | Attitude):
-        return Attitudes("accel" if isinstance(aid, Accelerometer) else "attitude", _verticals(aid.accel, count), dip=aid.dip)
+        return Attitudes("accel" if isinstance(aid, Accelerometer) else "attitude", _verticals(aid.accel), dip=aid.dip)
     if not isinstance(aid, Headings):
-        raise DataError(
-            f"The aid is {type(aid).__name__}; give Accelerometer(f), Attitude(q), Gyroscope(w, rate) or Headings(h).", code="no_such_aid"
-        )
-    heading, level = np.asarray(aid.headings, dtype=float) - aid.declination, aid.accel is None
-    if heading.shape != (count,):
-        raise DataError(f"The headings have shape {heading.shape}; give one for each of {count} readings, NaN where none is known.",
-                        code="heading_shape")  # fmt: skip
-    up = np.where(np.isfinite(heading)[:, None], [0.0, 0.0, -1.0], np.nan) if level else _verticals(aid.accel, count)
-    return Attitudes("headings", up, heading, rotated=not level, level=level)
+        raise DataError(f"The aid is {type(aid).__name__}; give an Accelerometer, Attitude, Gyroscope or Headings.", code="no_such_aid")
+    heading, level = np.ravel(np.asarray(aid.headings, dtype=float)) - aid.declination, aid.accel is None
+    up = np.where(np.isfinite(heading)[:, None], [0.0, 0.0, -1.0], np.nan) if level else _verticals(aid.accel)
+    return Attitudes("headings", up, heading, rotated=not level)

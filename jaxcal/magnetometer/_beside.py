@@ -4,6 +4,7 @@ Of the 48 signed permutations P of the axes, two explain a log: +P with the dip 
 the other mirrors, and only the sign of the dip tells which: a mirrored axis is half a turn with a dip of the other sign.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -14,9 +15,9 @@ from .._answer import CAUTION, FATAL, NOTE, Finding, Quantity
 from .._arrays import axis_fault, axis_turns, axis_words
 from .._errors import DataError
 from ..fitting._serial import BLOCKS
-from ._aided import Known, Solution, attitudes_in_segments, averaged, north_of, poses, solved
+from ._aided import Known, Solution, attitudes_in_segments, north_of, solved
 from ._aids import NAMES, Alignment, Asked, Attitudes, vector_from
-from ._directions import INCLINATION, heading_errors
+from ._directions import INCLINATION
 from ._findings import AGREE, FINDINGS
 from ._model import MagModel
 from ._quadric import NEAR_PLANAR, Frame, extents, sphere_centre, unit
@@ -29,7 +30,7 @@ _DIP, _ANY_DIP, _FIELD = np.deg2rad(0.5), 0.5, 0.02  # rad, prior spread of a gi
 _CLEARER = 2.0  # times less scatter than that of equal axes, to be believed; one mirrored axis had 3 at least in 25 real logs, 18 usually
 FEWEST = 5  # poses: three angles and the dip need four
 TURNED = 0.5  # length of the mean unit field: sin(dip) for turns about the vertical, zero for a sensor turned through all attitudes
-_LOOSE = 0.2  # scatter of the sine of the dip above which no axes explain the log
+_LOOSE = 0.2  # scatter of the sine of the dip, or error of corrected readings over the field, above which no axes explain the log
 
 
 class Axes(NamedTuple):
@@ -147,22 +148,20 @@ def beside(asked: Asked, surface: Surface) -> Surface:
     if asked.traced:
         return surface._replace(said=(FINDINGS("not_judged"),), dip=asked.dip)
     faults, said, dip, down = [], surface.said, asked.dip, None
-    if surface.found is None:
-        said = (*said, *([] if surface.refused is None else [surface.refused]))
-    else:
+    if surface.found is not None:
         faults, dip, known, down = _orientation(asked, surface)
         said = (*([] if known else [FINDINGS("dip_assumed", dip=Quantity(dip, "angle"))]), *said)
-    flat = surface.plane is not None and not asked.turns
-    if not (flat or asked.turns or asked.currents or asked.field_error is not None):
-        return surface._replace(said=(*faults, *said), dip=dip, down=down)
     at = asked.at if asked.turns else Attitudes(rotated=False)
-    if flat:
+    if surface.plane is not None and not asked.turns:
         at = Attitudes("plane", np.tile(-surface.plane, (len(asked.m), 1)), rotated=False)
+    if not (at.source or asked.currents or asked.field_error is not None):
+        return surface._replace(said=(*faults, *said), dip=dip, down=down)
     log = _prepared(asked, surface)
     axes, found = _together(asked, surface._replace(dip=dip, down=down), at, log)
     faults = by_axes(axes, asked.sign) if axes else [FINDINGS("unseen_axes")]
-    if found is None or not np.isfinite(found.covariance).all():
-        faults += [] if found is None else [FINDINGS("not_converged", what="the soft iron beside the other sensor")]
+    if found is None:
+        if not any(one.severity == FATAL for one in faults):
+            faults.append(FINDINGS("not_converged", what="the soft iron beside the other sensor"))
         return surface._replace(said=(*said, *faults), dip=dip, down=down)
     return _joint(asked, surface._replace(dip=dip), at, log, found, faults)
 
@@ -196,29 +195,24 @@ def _together(asked: Asked, surface: Surface, at: Attitudes, log: _Readings) -> 
     x, currents, rows = log.m[log.rows], (log.currents - log.nearest)[log.rows] / log.size, log.rows
     up, heading = (None if part is None else part[rows] for part in (at.up, at.heading))
     if up is not None and at.source != "plane":
-        number = poses(x, up, heading, _POSE, _STEPS)
-        x, up, currents = averaged(x, number), unit(averaged(up, number)), averaged(currents, number)
-        heading = None if heading is None else averaged(heading, number)
+        number = _poses(x, up, heading, _POSE, _STEPS)
+        x, up, currents = _averaged(x, number), unit(_averaged(up, number)), _averaged(currents, number)
+        heading = None if heading is None else _averaged(heading, number)
     count = len(x) if up is None else int(np.isfinite(up).all(axis=1).sum())
     if count < FEWEST:
         raise DataError(f"{count} readings with the {NAMES[at.source]} are left; at least {FEWEST} are needed.", code="few_readings")
     u, at = log.frame.scaled(x), at._replace(up=up, heading=heading, rows=rows)
     dip = at.dip if at.dip is not None else asked.dip if asked.known else None
-    aim, usable, scale = INCLINATION if dip is None else dip, surface.found is not None and surface.found.converged, log.frame.scale
-    if usable:  # so well known that axes are seen, and a fit begins, with the readings that it corrects
-        error = heading_errors(surface.model, surface.field, surface.usual, surface.dip, surface.down, [surface.matrix])[0][0]
-        usable = error <= asked.limits[1]
-    if usable:
-        begin = surface.model.soft_iron * surface.field / scale, (surface.model.hard_iron - log.frame.centre) / scale
-    else:
-        begin = _round(u, aim)
+    aim, usable, scale = INCLINATION if dip is None else dip, _usable(surface), log.frame.scale
+    model = surface.model
+    begin = (model.soft_iron * surface.field / scale, (model.hard_iron - log.frame.centre) / scale) if usable else _round(u, aim)
     axes = _axes(unit((u - begin[1]) @ np.linalg.inv(begin[0]).T), at, aim, usable)
     if any(one.severity == FATAL for one in by_axes(axes, 0.0 if dip is None else float(np.sign(dip)))):
         return axes, None
     base, held = np.eye(3) if axes is None else axes.turn, np.eye(3)
     if at.source == "headings":
         # they show a rotation about the vertical; nothing shows one about a level axis if there is no accelerometer
-        down = None if at.level else down_by(up)
+        down = down_by(up) if at.rotated else None
         held = np.zeros((0, 3)) if down is None else np.eye(3) - np.outer(base @ down, base @ down)
     # the accelerometer's own dip is the start, and against it a given one would pull the fit apart
     seen = axes.dip if axes is not None and np.isfinite(axes.dip) else None
@@ -227,6 +221,45 @@ def _together(asked: Asked, surface: Surface, at: Attitudes, log: _Readings) -> 
     known = Known(field, error, asked.field_error is not None, float(aim) if agrees or seen is None else seen, _DIP if agrees else _ANY_DIP)
     noise = surface.noise / scale if np.isfinite(surface.noise) else 0.01
     return axes, solved(u, at, (begin[0] @ base, begin[1]), base, held, known, currents, noise)
+
+
+def _usable(surface: Surface) -> bool:
+    """Whether the readings that the surface corrects are so well known that they show axes, and a fit begins with them."""
+    if surface.found is None or not surface.found.converged or not np.isfinite(surface.matrix).all():
+        return False
+    # a change db + H dC u of the reading of a unit field u changes the corrected one by its product with (C H)^-1
+    inverse, u = np.linalg.inv(surface.model.soft_iron * surface.field), unit(surface.corrected[surface.rows])
+    by_soft = surface.field * (inverse[None, :, :, None] * u[:, None, None, :]).reshape(-1, 9)
+    rows = np.concatenate([np.tile(inverse, (len(u), 1)), by_soft], axis=1)
+    return bool(3 * np.mean(np.sum((rows @ surface.matrix[:12, :12]) * rows, axis=1)) <= _LOOSE**2)
+
+
+def _poses(m: np.ndarray, up: np.ndarray, heading: np.ndarray | None, most: float, steps: float) -> np.ndarray:
+    """Number (n,) of the pose of each reading: successive readings with verticals within an angle, at one heading.
+
+    Where it is not known, readings of a pose are no farther apart than so many usual steps from one reading to the next, or angles.
+    """
+    number, pose, cosine, first = np.zeros(len(m), dtype=int), 0, float(np.cos(most)), 0
+    open_ = np.ones(len(m), dtype=bool) if heading is None else np.isnan(heading)
+    angle = np.where(open_, 0.0, 0.0 if heading is None else heading)
+    size = np.sqrt(np.mean(np.sum((m - np.median(m, axis=0)) ** 2, axis=1)))
+    reach = steps * min(float(np.median(np.linalg.norm(np.diff(m, axis=0), axis=1))), most * float(size))
+    rows = np.concatenate([np.nan_to_num(up), angle[:, None], open_[:, None], m], axis=1).tolist()
+    for i in range(1, len(m)):
+        (a, b, c, now, free, *one), (d, e, f, then, other_free, *other) = rows[first], rows[i]
+        if (now, free) != (then, other_free) or a * d + b * e + c * f <= cosine or (free and math.dist(one, other) > reach):
+            pose, first = pose + 1, i
+        number[i] = pose
+    return number
+
+
+def _averaged(x: np.ndarray, number: np.ndarray) -> np.ndarray:
+    """Mean of the rows of each pose that are no NaN."""
+    there = np.isfinite(x).reshape(len(x), -1).all(axis=1)
+    total, count = np.zeros((number.max() + 1, *x.shape[1:])), np.bincount(number[there], minlength=number.max() + 1)
+    np.add.at(total, number[there], x[there])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return total / count.reshape(-1, *[1] * (x.ndim - 1))
 
 
 def _axes(y: np.ndarray, at: Attitudes, dip: float, usable: bool) -> Axes | None:
@@ -261,22 +294,12 @@ def _joint(asked: Asked, surface: Surface, at: Attitudes, log: _Readings, found:
     corrected = (log.m[there] - log.currents[there] @ terms - model.hard_iron) @ np.linalg.inv(model.soft_iron).T
     other = float(found.parameters[13])
     seen = dip if dip is not None else other if source in ("accel", "attitude", "headings") else surface.dip
-    level = np.array([0.0, 0.0, 1.0]) if at.level else down_by(at.up)
+    flat = source == "headings" and not at.rotated
+    down = np.array([0.0, 0.0, 1.0]) if flat else down_by(at.up)
+    down = down_of(unit(corrected), seen) if down is None else down
     # distances to first order: the magnitude of the field over the length of its slope
     slope = np.linalg.norm(unit(corrected) @ np.linalg.inv(model.soft_iron), axis=1)
     residual = (np.linalg.norm(corrected, axis=1) - field) / slope
-    matrix = _spread(found, frame.scale, whole, field, norm is not None, log.size)
-    # where the currents are none, the hard iron has the error of their fields
-    move = np.eye(len(matrix))
-    move[:3, 13:] = -np.kron(log.nearest, np.eye(3))
-    spread, matrix = move @ matrix @ move.T, matrix[:13, :13]
-    if own:
-        model = eqx.tree_at(lambda m: (m.soft_iron, m.hard_iron), surface.model, (model.soft_iron, model.hard_iron))
-        known, count = surface.matrix[13:, 13:], len(spread)
-        order = np.r_[0:13, count : count + len(known), 13:count]
-        spread = scipy.linalg.block_diag(spread, known)[np.ix_(order, order)]
-        matrix = scipy.linalg.block_diag(matrix, known)
-
     said = [*faults, *surface.said]
     if source == "plane":
         said.append(FINDINGS("plane", severity=NOTE if asked.model == "planar" else CAUTION))
@@ -295,12 +318,23 @@ def _joint(asked: Asked, surface: Surface, at: Attitudes, log: _Readings, found:
     if dip is None and source not in ("accel", "attitude", "headings"):
         said.append(FINDINGS("dip_assumed", dip=Quantity(INCLINATION, "angle")))
     kind = {"": "symmetric", "plane": "planar"}.get(source, "full")
+    matrix = _spread(found, frame.scale, whole, field, norm is not None, log.size)
+    # where the currents are none, the hard iron has the error of their fields
+    move = np.eye(len(matrix))
+    move[:3, 13:] = -np.kron(log.nearest, np.eye(3))
+    spread, matrix = move @ matrix @ move.T, matrix[:13, :13]
+    if own:
+        model = eqx.tree_at(lambda m: (m.soft_iron, m.hard_iron), surface.model, (model.soft_iron, model.hard_iron))
+        known, count = surface.matrix[13:, 13:], len(spread)
+        order = np.r_[0:13, count : count + len(known), 13:count]
+        spread = scipy.linalg.block_diag(spread, known)[np.ix_(order, order)]
+        matrix = scipy.linalg.block_diag(matrix, known)
     return surface._replace(
         joint=surface.found.kind if own else kind, said=tuple(said), model=model, field=field, corrected=corrected, residual=residual,
         noise=float(np.sqrt(np.sum(residual[surface.rows] ** 2) / max(len(log.rows) - 13, 1))), matrix=matrix, spread=spread,
-        freedom=float(BLOCKS - 1 if found.parts else max(len(found.across) - 13, 1)), parts=found.parts, dip=seen,
-        down=down_of(unit(corrected), seen) if level is None else level, alignment=turn,
-        terms={f"currents.{name}[{i}]": terms[j, i] for j, name in enumerate(asked.currents) for i in range(3)},
+        freedom=float(BLOCKS - 1 if found.parts else max(len(found.along) - 13, 1)), parts=found.parts, dip=seen,
+        down=down, alignment=turn,
+        further=(surface.further or {}) | {f"currents.{name}[{i}]": terms[j, i] for j, name in enumerate(asked.currents) for i in range(3)},
     )  # fmt: skip
 
 

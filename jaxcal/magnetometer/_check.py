@@ -146,7 +146,7 @@ def check(found: MagFit, m: Samples, *, accel: Samples | None = None, headings: 
     of = measured if headings is None else np.asarray(headings, dtype=float)
     if of.shape != (len(m),):
         raise DataError(f"The headings have shape {of.shape}; give one for each of {len(m)} readings, NaN where none is known.",
-                        code="heading_shape")  # fmt: skip
+                        code="rows_differ")  # fmt: skip
     error = np.angle(np.exp(1j * (measured - of))) if headings is not None else np.full(len(m), np.nan)
     there, rms, told = np.isfinite(error), float("nan"), float("nan")
     if there.any():

@@ -168,7 +168,7 @@ def level_axes(up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return forward, np.cross(forward, up)
 
 
-def levelled(down: AnyArray | None) -> np.ndarray:
+def levelled(down: Any) -> np.ndarray:
     """Rotations (k, 3, 3) for rows of vectors: from axes whose z points down at level to axes whose `down` points down at level.
 
     Without `down` there are six, for each axis either way: a number that is averaged over them does not depend on the names of the axes.
@@ -183,13 +183,14 @@ def levelled(down: AnyArray | None) -> np.ndarray:
 
 
 @functools.lru_cache(maxsize=64)
-def _turning(headings: tuple[float, ...], tilt: float, dip: float) -> tuple[np.ndarray, np.ndarray]:
-    """Derivative (m, 3) of headings by the unit field, and that field, for z down: for each direction of tilt, and heading."""
-    attitudes = tilted(np.array(headings), tilt)
+def _turning(headings: tuple[float, ...], tilt: float, dip: float, down: tuple[float, ...] | None) -> tuple[np.ndarray, np.ndarray]:
+    """Derivative (m, 3) of headings by the unit field, and that field: for each `down`, direction of tilt, and heading."""
+    attitudes, turns = tilted(np.array(headings), tilt), levelled(down)
     directions = unit_field(attitudes, dip)
     forward, right = level_axes(-unit_field(attitudes, np.pi / 2))
     x, y = (np.sum(directions * axis, axis=1, keepdims=True) for axis in (forward, right))
-    return (y * forward - x * right) / (x**2 + y**2), directions
+    across = (y * forward - x * right) / (x**2 + y**2)
+    return (across @ turns).reshape(-1, 3), (directions @ turns).reshape(-1, 3)
 
 
 def heading_slopes(change: Callable[[Any, Any], Any], headings: np.ndarray, tilt: float, dip: float, down: AnyArray | None) -> Any:
@@ -198,7 +199,7 @@ def heading_slopes(change: Callable[[Any, Any], Any], headings: np.ndarray, tilt
     change : takes vectors (n, 3) and unit fields in body axes (n, 3) to the change of the corrected fields along these vectors with the
     parameters, (n, p). down : the axis that points down at level; None for all six.
     """
-    return change(*((part @ levelled(down)).reshape(-1, 3) for part in _turning(tuple(headings.tolist()), tilt, float(dip))))
+    return change(*_turning(tuple(headings.tolist()), tilt, float(dip), None if down is None else tuple(np.ravel(down).tolist())))
 
 
 def both_tilts(change: Callable[[Any, Any], Any], dip: float, down: AnyArray | None = None) -> tuple[Any, Any]:
@@ -239,7 +240,7 @@ def angle(attitudes: np.ndarray, y: np.ndarray) -> np.ndarray:
     return np.arctan2(-right, forward)
 
 
-def heading_change(present: Any, new: Any, field: float, *, inclination: float = INCLINATION, down: Any = None, tilt: float = 0.0) -> Any:
+def heading_change(present: Any, new: Any, field: float, *, inclination: float = INCLINATION, down: Any = None) -> AnyArray:
     """By how much headings change when a new calibration replaces the present one.
 
     Parameters
@@ -248,13 +249,12 @@ def heading_change(present: Any, new: Any, field: float, *, inclination: float =
     field : magnitude of the field that `new` gives, in its unit, as in `MagFit.field`.
     inclination : dip of the field in rad.
     down : the axis that points down at level, in the axes of the field that `new` gives; z by default.
-    tilt : angle from level, in eight directions, rad.
 
     Returns
     -------
-    (24,) rad, or (192,) if tilted: heading by `new` minus heading by `present`, at every 15 degrees of heading by `new`, from north.
+    (24,) rad: heading by `new` minus heading by `present`, at every 15 degrees of heading by `new`, from north.
     """
-    attitudes = tilted(HEADINGS, tilt)
+    attitudes = tilted(HEADINGS, 0.0)
     turn = levelled(np.array([0.0, 0.0, 1.0]) if down is None else down)[0]
     readings = new.measure(float(field) * unit_field(attitudes, float(inclination)) @ turn)
     by = [angle(attitudes, np.asarray(model.correct(readings)) @ turn.T) for model in (present, new)]

@@ -6,9 +6,10 @@ Data go one way: readings and options, the surface of the magnitudes, what senso
 import os
 from typing import Any
 
-import jax.core
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from .._errors import DataError
 from .._log import Log, LogLike, as_log
@@ -20,8 +21,8 @@ from ._beside import beside
 from ._field import INCLINATION
 from ._judge import judged
 from ._model import MagModel
-from ._own_model import further_names
-from ._quadric import COUNT
+from ._own_model import parts_of
+from ._quadric import COUNT, chosen
 from ._result import LIMITS, MagFit
 from ._surface import surface_of
 
@@ -111,7 +112,8 @@ def fit(
     Math. 98 (2004) 177 (consistent); the magnetometer paper's equations 6 to 16 (constrained); the thesis, chapter 6.
     """
     asked = _asked(m, method, model, field, field_error, inclination, limits, aid, currents, conditions)
-    surface = surface_of(asked)
+    picked = chosen(asked.m[asked.there], isinstance(asked.model, MagModel) or asked.traced)
+    surface = surface_of(asked, picked)
     surface = beside(asked, surface)
     return judged(asked, surface)
 
@@ -131,9 +133,7 @@ def _asked(
     if m.ndim != 2 or m.shape[1] != 3 or not len(m):
         raise DataError(f"The readings have shape {m.shape}; expected (n, 3), one row per reading.", code="bad_shape")
     if not there.all() and not isinstance(aid, Gyroscope):
-        raise DataError(
-            f"{np.sum(~there)} readings are not finite, the first in row {np.argmin(there)}; leave them out.", code="not_finite"
-        )
+        raise DataError(f"{np.sum(~there)} readings are not finite, the first in row {np.argmin(there)}; drop them.", code="not_finite")
     if own and method != "ml":
         raise DataError("A model object is fitted by method='ml'.", code="model_object_options")
     for given, known, what in ((method, METHODS, "method"), ("auto" if own else model, MODELS, "model")):
@@ -152,15 +152,22 @@ def _asked(
         raise DataError(f"The inclination is {dip:g} rad; it must lie between -pi/2 and pi/2, where there is a horizontal field.",
                         code="bad_inclination")  # fmt: skip
     count = int(there.sum())
+    if own:
+        model, least = jax.tree.map(lambda leaf: np.asarray(leaf, dtype=float), model), 10 + len(parts_of(model)[1])
+        if count < least:
+            raise DataError(f"There are {count} readings; this model with {least - 1} parameters needs {least}.", code="few_readings")
     recorded = {name: _numbers(one, f"The condition {name!r}", count, "condition", own) for name, one in (conditions or {}).items()}
     flows = {name: _numbers(one, "The current", len(m), "current") for name, one in (currents or {}).items()}
     if any(not np.ptp(one) > 0 for one in flows.values()):
         raise DataError("A current is constant: its field cannot be told from hard iron.", code="current_constant")
     aid = Accelerometer(force, turns=False) if aid is None and force is not None and not own else aid
     known = inclination is not None or np.ndim(field) == 1
-    turns = getattr(aid, "turns", aid is not None)
+    turns, at = getattr(aid, "turns", aid is not None), told(aid)
+    for rows in (at.up, at.heading, at.gyro):
+        if rows is not None and len(rows) != len(m):
+            raise DataError(f"There are {len(m)} readings and {len(rows)} rows of the aid; give one for each reading.", code="rows_differ")
     return Asked(m, np.flatnonzero(there), method, model, norm, field_error, float(dip), known, (float(limits[0]), float(limits[1])),
-                 told(aid, len(m)), turns, flows, recorded)  # fmt: skip
+                 at, turns, flows, recorded)  # fmt: skip
 
 
 def _in_trace(m: Any, model: Any, field: Any, inclination: Any, conditions: dict[str, Any], refused: list[str]) -> Asked:
@@ -172,11 +179,12 @@ def _in_trace(m: Any, model: Any, field: Any, inclination: Any, conditions: dict
             "A traced fit has its structure fixed by model='sphere', 'diagonal', 'symmetric' or a model object, and method='ml'; "
             f"{said} is decided on the host. Leave it out, or call `fit` outside of jit, vmap and grad.", code="traced_options",
         )  # fmt: skip
-    least = 10 + len(further_names(model)) if own else COUNT[model] + 1
+    least = 10 + len(parts_of(model)[1]) if own else COUNT[model] + 1
     if m.ndim != 2 or m.shape[1] != 3 or len(m) < least:
         raise DataError(f"The readings have shape {m.shape}; this model needs (n, 3) with at least {least} rows.", code="bad_shape")
+    model = jax.tree.map(lambda leaf: jnp.asarray(leaf, m.dtype), model) if own else model
     norm, dip = _norm_and_dip(field, inclination)
-    return Asked(m, np.arange(len(m)), "ml", model, norm, None, float(dip), True, (0.0, 0.0), told(None, 0), False, {}, conditions, True)
+    return Asked(m, np.arange(len(m)), "ml", model, norm, None, float(dip), True, (0.0, 0.0), told(None), False, {}, conditions, True)
 
 
 def _numbers(given: Any, what: str, count: int, code: str, wide: bool = False) -> np.ndarray:
@@ -192,7 +200,7 @@ def _numbers(given: Any, what: str, count: int, code: str, wide: bool = False) -
 def _norm_and_dip(field: Any, inclination: Any) -> tuple[Any, Any]:
     """Magnitude of the field, traced or not, and its dip: as given, from the field vector, or else the dip at Ankara."""
     norm = dip = None
-    if isinstance(field, jax.core.Tracer):
+    if isinstance(field, Tracer):
         norm = jnp.linalg.norm(jnp.atleast_1d(field))
     elif field is not None:
         vector = np.asarray(field, dtype=float)

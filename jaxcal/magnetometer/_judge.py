@@ -27,18 +27,17 @@ def judged(asked: Asked, surface: Surface) -> MagFit:
     if model is None:
         return MagFit(None, Estimate((), np.zeros(0), np.zeros((0, 0))), np.full(2, np.inf), field, surface.noise, surface.residual, dip,
                       asked.method, "none", findings=surface.said)  # fmt: skip
+    condition, weakest = (np.nan, "the soft iron") if surface.joint or not host else _weakest(surface)
     matrices = [surface.matrix, *(np.outer(cause.step, cause.step) for cause in surface.causes)]
     error, *costs = (heading_errors if host else errors_in_trace)(model, field, surface.usual, dip, surface.down, matrices)
-    condition, weakest = (np.nan, "the soft iron") if surface.joint or not host else _weakest(surface)
-    said, cover = list(surface.said), None
+    larger, said, cover = surface.larger, list(surface.said), None
+    wide = 0.0 if larger is None else heading_errors(larger.model, larger.field, None, dip, None, [larger.matrix])[0][0]
     if host:
         cover = covered(surface.corrected)
-        said += [] if surface.joint else _of_magnitudes(asked, surface, condition, weakest, float(error[0]))
+        said += [] if surface.joint else _of_magnitudes(asked, surface, condition, weakest, float(error[0]), float(wide))
         said += _causes(surface, costs)
-    known = asked.norm is not None or surface.usual is not None
-    spread, further = (surface.matrix, {}) if surface.spread is None else (surface.spread, surface.terms)
-    estimate = _estimated(model, field, spread, surface.freedom, (surface.further or {}) | further, known)
-    kind = surface.joint or found.kind
+    held, spread = asked.norm is not None or surface.usual is not None, surface.matrix if surface.spread is None else surface.spread
+    estimate, kind = _estimated(model, field, spread, surface.freedom, surface.further or {}, held), surface.joint or found.kind
     if host:
         size = field if surface.joint else surface.radius * surface.scale
         said += _about_residuals(surface.residual / size, float(surface.noise / size), surface.parts)
@@ -53,13 +52,7 @@ def judged(asked: Asked, surface: Surface) -> MagFit:
 def _estimated(model: MagModel, field: Any, covariance: Any, freedom: Any, further: dict[str, Any], held: bool) -> Estimate:
     """Hard iron, soft iron, the field and `further` parameters (name -> value), in this order, with their covariance."""
     xp, quantity = covariance.__array_namespace__(), quantity_of(field)
-    known = xp.isfinite(covariance).all()
-    covariance = xp.where(known, covariance, xp.inf)
-    values = [
-        xp.asarray(model.hard_iron),
-        xp.asarray(model.soft_iron).ravel(),
-        *(xp.ravel(xp.asarray(v)) for v in (field, *further.values())),
-    ]
+    values = [xp.ravel(xp.asarray(part)) for part in (model.hard_iron, model.soft_iron, field, *further.values())]
     states = {"field": "held"} if held else {}
     quantities = {"hard_iron": quantity, "field": quantity}
     quantities |= {name.partition("[")[0]: quantity for name in further if name.startswith("currents.")}
@@ -102,9 +95,9 @@ def _causes(surface: Surface, costs: Sequence[Any]) -> list[Finding]:
     return said
 
 
-def _of_magnitudes(asked: Asked, surface: Surface, condition: float, weakest: str, error: float) -> list[Finding]:
-    """What to know about a surface of magnitudes: its structure, its size, and how certain its noise is."""
-    found, size, norm, larger = surface.found, float(surface.radius * surface.scale), asked.norm, surface.larger
+def _of_magnitudes(asked: Asked, surface: Surface, condition: float, weakest: str, error: float, wide: float) -> list[Finding]:
+    """What to know about a surface of magnitudes: structure, size, and how certain its noise is. wide : error of a larger model."""
+    found, size, norm = surface.found, float(surface.radius * surface.scale), asked.norm
     said: list[Finding] = []
     if extents(Frame.of(surface.m).scaled(surface.m))[-1] < NEAR_PLANAR:
         said.append(FINDINGS("near_planar"))
@@ -112,7 +105,7 @@ def _of_magnitudes(asked: Asked, surface: Surface, condition: float, weakest: st
         said.append(FINDINGS("undetermined", what=weakest))
     elif not found.converged:
         said.append(FINDINGS("not_converged", what=weakest))
-    if larger and not heading_errors(larger.model, larger.field, None, surface.dip, None, [larger.matrix])[0][0] <= asked.limits[0]:
+    if not wide <= asked.limits[0]:
         said.append(FINDINGS("small_model", what="a full soft iron matrix", model=found.kind))
     said += FINDINGS.over("field_differs", abs(np.log(size / norm)), found=size, given=norm) if norm else []
     # the noise of few white readings is uncertain itself: Student's distribution has the wider error

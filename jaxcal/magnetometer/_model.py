@@ -90,9 +90,7 @@ def _undoing(correct: Any) -> Any:
                 np.sqrt(np.nansum((np.asarray(m) - np.asarray(model.hard_iron)) ** 2)),
             )
             if np.nansum((again - m) ** 2) > (_UNDONE * size) ** 2:
-                kind = type(model).__name__
-                raise DataError(f"`measure` and `correct` of {kind} do not undo one another; `correct` must be its inverse.",
-                                code="no_inverse")  # fmt: skip
+                raise DataError(f"`correct` of {type(model).__name__} must be the inverse of its `measure`.", code="no_inverse")
         return h
 
     return checked

@@ -7,7 +7,7 @@ from .._errors import DataError
 from .._types import AnyArray, Samples
 from ._field import INCLINATION
 from ._model import MagModel
-from ._quadric import NEAR_PLANAR, NotEllipsoid, adjusted, ellipsoid_of, noisy, soft_of
+from ._quadric import NEAR_PLANAR, NotEllipsoid, adjusted, constrained, ellipsoid_of, noisy, soft_of
 
 #: exponents (a, b, c) of the moments x^a y^b z^c, in the order of the sums; place of the moments among them
 _POWERS = np.array([(a, b, c) for a in range(5) for b in range(5 - a) for c in range(5 - a - b)])
@@ -149,7 +149,7 @@ class Moments:
         products, self.reasons = self._products(), ("no_ellipsoid",)
         if not np.linalg.eigvalsh(products[6:9, 6:9])[0] > NEAR_PLANAR**2:
             return self.verdict
-        q = _constrained(products) if method == "constrained" else None
+        q = constrained(products) if method == "constrained" else None
         s2, q = adjusted(products) if q is None else (_variance(products, q), q)
         try:
             shape, centre = ellipsoid_of(q)
@@ -174,18 +174,6 @@ class Moments:
         if self.model is None:
             raise DataError(f"there is no fit: {', '.join(self.reasons)}", code="no_fit")
         return self.model.correct(m)
-
-
-def _constrained(products: np.ndarray) -> np.ndarray:
-    """The quadric of length one that has the least mean square under 4AC - B^2 = 1."""
-    first, rest = [0, 1, 3], [2, 4, 5, 6, 7, 8, 9]
-    gain = np.linalg.solve(products[np.ix_(rest, rest)], products[np.ix_(rest, first)])
-    left = products[np.ix_(first, first)] - products[np.ix_(first, rest)] @ gain
-    constraint = np.array([[0.0, 0.0, 2.0], [0.0, -1.0, 0.0], [2.0, 0.0, 0.0]])
-    q = np.zeros(10)
-    q[first] = scipy.linalg.eigh(constraint, left)[1][:, -1]
-    q[rest] = -gain @ q[first]
-    return q / np.linalg.norm(q)
 
 
 def _variance(products: np.ndarray, q: np.ndarray) -> float:

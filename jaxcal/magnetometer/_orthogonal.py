@@ -13,11 +13,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..fitting._implicit import implicit
+from ._quadric import basis_of, host_start, parameters_of, traced_start
 
 CURVED = 0.02  # noise over radius above which the curvature term matters
 #: most steps to a foot, which takes three near the surface, and most steps of a fit
 ROUNDS, _STEPS = 20, 128
-SETTLED = 1e-8  # step in standard errors, and relative change of the noise, or of the degrees of freedom, that end the steps
+SETTLED = 1e-6  # step in standard errors, and relative change of the noise, or of the degrees of freedom, that end the steps
 SOFT = 0.4  # spread of the entries of a soft iron about a multiple of the identity: the paper's sensor, the strongest known, has 0.3
 
 
@@ -63,7 +64,11 @@ def _eye(matrix: Any) -> Any:
 
 
 def _pencil(shape: Any, z: Any) -> Any:
-    """y(t) = (I + t A)^-1 z as a function of t, for all rows of z, by the Cayley-Hamilton theorem without a decomposition."""
+    """y(t) = (I + t A)^-1 z as a function of t, for all rows of z: along the principal axes of one A, and without these for many."""
+    if isinstance(z, np.ndarray) and shape.ndim == 2:
+        values, vectors = np.linalg.eigh(shape)
+        return lambda t, vector: (vector @ vectors / (1 + t[:, None] * values)) @ vectors.T
+    # by the Cayley-Hamilton theorem, whose derivatives hold for equal eigenvalues too
     square, trace = shape @ shape, shape.trace(axis1=-2, axis2=-1)
     second = (trace**2 - square.trace(axis1=-2, axis2=-1)) / 2
     adjugate = square - trace[..., None, None] * shape + second[..., None, None] * _eye(shape)
@@ -118,9 +123,10 @@ def foot(shape: Any, z: Any, near: Any) -> tuple[Any, Any]:
     near = near if xp is np else jax.lax.stop_gradient(near)
     begin = (xp.asarray(0), xp.where(near > lowest, near, 0.0), xp.asarray(False))
     _, t, _ = repeated(again, begin, lambda carry: (carry[0] >= ROUNDS) | carry[2])
-    # A step taken at the root has the derivative of the root (implicit function theorem).
-    apply = _pencil(shape, z)
-    t = _newton(apply, shape, z, t if xp is np else jax.lax.stop_gradient(t))
+    # A step taken at the root has the derivative of the root (implicit function theorem), and two steps have the second one too.
+    apply, t = _pencil(shape, z), t if xp is np else jax.lax.stop_gradient(t)
+    for _ in range(1 if xp is np else 2):
+        t = _newton(apply, shape, z, t)
     return t, apply(t, z)
 
 
@@ -146,21 +152,6 @@ def _at_foot(shape: Any, z: Any, near: Any) -> tuple[Any, Any, Any, Any]:
     return t * length, y, normal / length[:, None], t
 
 
-@jax.custom_jvp
-def distance_to(shape: Any, z: Any) -> Any:
-    """Distance (n,) of z to x'Ax = 1, which can be differentiated twice."""
-    return _at_foot(shape, z, jnp.zeros_like(z[:, 0]))[0]
-
-
-@distance_to.defjvp
-def _(primals: tuple, tangents: tuple) -> tuple:
-    """With the nearest point y and the normal g = A y, the differential is y'dA y / (2|g|) + g'dz / |g|: it can be differentiated again."""
-    (shape, z), (d_shape, d_z) = primals, tangents
-    distance, y, normal, _ = _at_foot(shape, z, 0.0 * z[:, 0])
-    by_shape = (times(y, d_shape) * y).sum(axis=1) / (2 * (times(y, shape) ** 2).sum(axis=1) ** 0.5)
-    return distance, by_shape + (normal * d_z).sum(axis=1)
-
-
 def nearest(push: Any, z: Any, near: Any = None) -> Near:
     """Readings z (n, 3) beside {P h : |h| = 1}, with one matrix P, or one for each reading. near : t of `foot` to start from."""
     inverse = inverse_of(push)
@@ -168,6 +159,18 @@ def nearest(push: Any, z: Any, near: Any = None) -> Near:
     shape = back @ inverse
     distance, y, normal, t = _at_foot(shape, z, 0.0 * z[:, 0] if near is None else near)
     return Near(distance, normal, times(y, back), curvature(shape, z), t, times(z, back))
+
+
+def by_ellipsoid(u: Any, basis: np.ndarray, x: Any, near: Near | None = None) -> Near:
+    """Scaled readings beside an ellipsoid, and the slopes of their distances by its parameters."""
+    iron = basis @ x
+    found = nearest(iron[:9].reshape(3, 3), u - iron[9:][None], None if near is None else near.multiplier)
+    return found._replace(slopes=slopes_of(found, basis))
+
+
+def slopes_of(near: Near, basis: np.ndarray) -> Any:
+    """Derivative (n, p) of the distances of readings to an ellipsoid by its parameters."""
+    return -((near.normal[:, :, None] * near.field[:, None, :]).reshape(-1, 9) @ basis[:9] + near.normal @ basis[9:])
 
 
 class Weights(NamedTuple):
@@ -284,8 +287,8 @@ def rounds(near_at: Callable[[Any, Near], Near], x: Any, near: Near, basis: np.n
         short = xp.linalg.norm(step) <= rounding * xp.linalg.norm(x)
         alike = SETTLED + rounding
         settled = (abs(weights.noise2 - last[0]) <= alike * weights.noise2) & (abs(weights.freedom - last[2]) <= alike * weights.freedom)
-        done = ((off <= SETTLED**2) | short) & (settled | ~xp.isfinite(weights.noise)) | (count >= _STEPS)
-        flat = ((off <= SETTLED) | short) & xp.isfinite(total)
+        flat = ((off <= SETTLED**2) | short) & xp.isfinite(total)
+        done = flat & settled | ~xp.isfinite(weights.noise) | (count >= _STEPS)
         return _Point(x, near, last, weights, step, 0.0 * off + 1.0, count, flat, done)
 
     def advance(here: _Point) -> _Point:
@@ -304,7 +307,9 @@ def rounds(near_at: Callable[[Any, Near], Near], x: Any, near: Near, basis: np.n
     first, none = weighed(x, near, (0.0, 0.0), basis, size), xp.zeros((), dtype=x.dtype)
     begin = point(x, near, (first.noise2 + none, first.ridge, first.freedom), xp.asarray(0))
     end = repeated(advance, begin, lambda here: here.done)
-    return end.x, end.near, end.weights, end.converged
+    # the last step is so short that the distances follow it by their slopes
+    step = xp.where(end.converged, end.step, 0.0)
+    return end.x + step, end.near._replace(distance=end.near.distance + end.near.slopes @ step), end.weights, end.converged
 
 
 def rounding_of(x: Any) -> float:
@@ -350,6 +355,16 @@ def maximised(near_at: Callable[..., Near], begin: Any, h: Any, basis: np.ndarra
     x, near = root[:-1], near_at(root[:-1], near, *data)
     noise2, ridge = terms(x, root[-1], basis, size)
     return found_of(x, near, weighed(x, near, (noise2, ridge), basis, size), basis, converged > 0, kind)
+
+
+def fitted(u: Any, kind: str, near: Any = None) -> Found:
+    """The ellipsoid of a kind through scaled readings; near : S and centre to start from. In a trace nothing is chosen on the host."""
+    basis = basis_of(kind).astype(u.dtype)
+    if near is not None:
+        begin = parameters_of(kind, *near)
+    else:
+        begin = host_start(u, kind) if isinstance(u, np.ndarray) else traced_start(jax.lax.stop_gradient(u), kind)
+    return maximised(lambda x, near, u: by_ellipsoid(u, basis, x, near), begin, 0.0 * u, basis, 1.0, kind, u)
 
 
 def of_method(near: Near, x: np.ndarray, basis: np.ndarray, kind: str) -> Found:

@@ -1,6 +1,7 @@
 """Model objects: what a `MagModel`, or a subclass of it with fields of its own, says of readings, with all derivatives."""
 
 import functools
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -12,32 +13,32 @@ from .._precision import host_float64
 from .._types import Array
 from ..fitting._problem import names_of
 from ._model import MagModel
-from ._orthogonal import distance_to, inverse_of, times
+from ._orthogonal import inverse_of, nearest, times
 
 _ROWS = 512  # of a block: readings and directions of any number share one program
 
 
-def leaves_of(model: MagModel) -> Any:
-    """The leaves as one vector: soft iron by rows, hard iron, and further ones."""
-    leaves = [leaf.ravel() for leaf in jax.tree.leaves(model)]
-    return (np if all(isinstance(leaf, np.ndarray) for leaf in leaves) else jnp).concatenate(leaves)
+def parts_of(model: MagModel) -> tuple[Any, list[str], Callable[[Any], MagModel]]:
+    """The leaves as one vector (soft iron by rows, hard iron, further ones), the names of further ones, and the model of other leaves."""
+    leaves, structure = jax.tree.flatten(model)
+    ends, xp = np.cumsum([leaf.size for leaf in leaves]).tolist(), np if all(isinstance(leaf, np.ndarray) for leaf in leaves) else jnp
 
+    def put(values: Any) -> MagModel:
+        parts = [values[end - leaf.size : end].reshape(leaf.shape) for leaf, end in zip(leaves, ends, strict=True)]
+        return jax.tree.unflatten(structure, parts)
 
-def rebuilt(model: MagModel, leaves: Any) -> MagModel:
-    """The model with other leaves, of which `leaves_of` made one vector."""
-    parts, structure = jax.tree.flatten(model)
-    ends = np.cumsum([part.size for part in parts]).tolist()
-    return jax.tree.unflatten(structure, [leaves[end - part.size : end].reshape(part.shape) for part, end in zip(parts, ends, strict=True)])
+    return xp.concatenate([leaf.ravel() for leaf in leaves]), names_of(model)[12:], put
 
 
 # it runs so shortly that it is compiled without optimisation, in half the time
 @functools.partial(filter_jit, further={"xla_backend_optimization_level": 0})
 def _looked(model: MagModel, leaves: Any, h: Any, field: Any, conditions: Any) -> tuple[Any, ...]:
     """Readings of the unit fields h, and their derivatives (n, 3, 3) by h and (n, 3, p) by the leaves."""
+    put = parts_of(model)[2]
 
     def along(way: Any) -> tuple[Any, Any]:
         change = way[: leaves.size], jnp.broadcast_to(way[leaves.size :], h.shape)
-        return jax.jvp(lambda leaves, h: rebuilt(model, leaves).measure(field * h, **conditions), (leaves, h), change)
+        return jax.jvp(lambda leaves, h: put(leaves).measure(field * h, **conditions), (leaves, h), change)
 
     measured, slopes = jax.vmap(along, out_axes=(None, -1))(jnp.eye(leaves.size + 3, dtype=h.dtype))
     return measured, slopes[..., leaves.size :], slopes[..., : leaves.size]
@@ -64,14 +65,9 @@ def changes_of(model: MagModel, field: Any, usual: dict[str, Any], across: Any, 
     xp = model.soft_iron.__array_namespace__()
     directions = xp.asarray(directions, dtype=model.soft_iron.dtype)
     there = {name: xp.broadcast_to(value, (len(directions), *np.shape(value))) for name, value in usual.items()}
-    _, push, slopes = looked(model, leaves_of(model), directions, field, there)
+    _, push, slopes = looked(model, parts_of(model)[0], directions, field, there)
     change = -xp.einsum("ni,nij,njp->np", across, inverse_of(push), slopes)
     return xp.concatenate([change[:, 9:12], change[:, :9], 0.0 * change[:, :1], change[:, 12:]], axis=1)
-
-
-def further_names(model: MagModel) -> list[str]:
-    """Names of the fields of its own."""
-    return names_of(model)[12:]
 
 
 def residuals(model: MagModel, data: tuple[Any, ...]) -> Array:
@@ -115,6 +111,5 @@ def _as_array(leaf: Any) -> Any:
 def _residuals(model: MagModel, m: Any, field: Any, conditions: Any) -> Array:
     # one program: called by themselves, its two hundred operations would be compiled one by one
     h = jnp.asarray(model.correct(m, **conditions)) / field
-    measured, push, _ = looked(model, leaves_of(model), h, field, conditions)
-    inverse = inverse_of(push)
-    return distance_to(inverse.swapaxes(1, 2) @ inverse, m - measured + times(h, push.swapaxes(1, 2)))
+    measured, push, _ = looked(model, parts_of(model)[0], h, field, conditions)
+    return nearest(push, m - measured + times(h, push.swapaxes(1, 2))).distance

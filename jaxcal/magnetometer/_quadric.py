@@ -11,12 +11,10 @@ how far the readings scatter, and which of them are too far.
 """
 
 import contextlib
-import dataclasses
 import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy  # loads its parts when they are first used
@@ -60,9 +58,7 @@ def parameters_of(kind: str, soft: Any, centre: Any) -> Any:
 NEAR_PLANAR = 0.05
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True, eq=False)
-class Frame:
+class Frame(NamedTuple):
     """Centring and scaling of readings, u = (m - centre) / scale."""
 
     centre: AnyArray
@@ -88,12 +84,6 @@ def soft_of(shape: Any) -> Any:
     values, vectors = xp.linalg.eigh(shape)
     # rounding may make an eigenvalue negative if the ellipsoid diverged
     return (vectors / xp.sqrt(xp.maximum(values, xp.finfo(values.dtype).eps * xp.abs(values[-1])))[None, :]) @ vectors.T
-
-
-def shape_of_soft(soft: np.ndarray) -> np.ndarray:
-    """A of S (host only)."""
-    inverse = np.linalg.inv(soft)
-    return inverse.T @ inverse
 
 
 class NotEllipsoid(FitError):
@@ -168,26 +158,21 @@ def algebraic(u: np.ndarray, kind: str = "symmetric") -> tuple[np.ndarray, np.nd
     return ellipsoid_of(linear(u, kind))
 
 
-def constrained(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Least squares under 4ac - b^2 = 1, for a x^2 + b xy + c y^2 (the magnetometer paper, equations 11 to 16).
+def constrained(products: np.ndarray) -> np.ndarray:
+    """The quadric of length one with the least mean square under 4ac - b^2 = 1, for a x^2 + b xy + c y^2, from the mean products.
 
-    It gives an ellipsoid, or a hyperboloid about z.
+    The magnetometer paper, equations 11 to 16. It is an ellipsoid, or a hyperboloid about z.
     """
-    columns = monomials(u)
-    chosen, rest = [0, 1, 3], [2, 4, 5, 6, 7, 8, 9]
+    first, rest = [0, 1, 3], [2, 4, 5, 6, 7, 8, 9]
+    gain = np.linalg.solve(products[np.ix_(rest, rest)], products[np.ix_(rest, first)])
+    left = products[np.ix_(first, first)] - products[np.ix_(first, rest)] @ gain
     constraint = np.array([[0.0, 0.0, 2.0], [0.0, -1.0, 0.0], [2.0, 0.0, 0.0]])
-    first, (q2, r2) = columns[:, chosen], np.linalg.qr(columns[:, rest], mode="reduced")
-    left = first - q2 @ (q2.T @ first)
-    # S q = lambda C q has exactly one solution with q'Cq > 0, because C has one positive eigenvalue
-    vectors = np.real(np.linalg.eig(np.linalg.solve(constraint, left.T @ left))[1]).T
-    sizes = np.einsum("ki,ij,kj->k", vectors, constraint, vectors)
-    best = int(np.argmax(sizes))
-    if not sizes[best] > 0:
-        raise NotEllipsoid("quadric that the constraint excludes")
-    theta = np.zeros(10)
-    theta[chosen] = q = vectors[best] / np.sqrt(sizes[best])
-    theta[rest] = -np.linalg.lstsq(r2, q2.T @ first, rcond=None)[0] @ q
-    return ellipsoid_of(theta)
+    q = np.zeros(10)
+    # left q = lambda C q has exactly one solution with q'Cq > 0, because C has one positive eigenvalue
+    vectors = np.real(np.linalg.eig(np.linalg.solve(constraint, left))[1]).T
+    q[first] = vectors[np.argmax(np.einsum("ki,ij,kj->k", vectors, constraint, vectors))]
+    q[rest] = -gain @ q[first]
+    return q / np.linalg.norm(q)
 
 
 #: exponents (x, y, z) of the ten monomials
@@ -224,20 +209,21 @@ def adjusted(products: np.ndarray) -> tuple[float, np.ndarray]:
     return s2, np.linalg.eigh(products + s2 * (first + s2 * second))[1][:, 0]
 
 
-def consistent(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Shape matrix and centre by adjusted least squares.
+def by_products(u: np.ndarray, method: str) -> tuple[np.ndarray, np.ndarray]:
+    """Shape matrix and centre of a fit by mean products of the monomials: "constrained", or "consistent" (adjusted least squares).
 
     I. Markovsky, A. Kukush and S. Van Huffel, Numer. Math. 98 (2004) 177; V. Renaudin, M. H. Afzal and G. Lachapelle, J. Sensors 2010,
     967245.
     """
     columns = monomials(u)
-    return ellipsoid_of(adjusted(columns.T @ columns / len(u))[1])
+    products = columns.T @ columns / len(u)
+    return ellipsoid_of(constrained(products) if method == "constrained" else adjusted(products)[1])
 
 
 def start(u: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
     """Shape and centre of the first algebraic fit, in order of merit, that gives an ellipsoid."""
     attempts = [lambda one=one: algebraic(u, one) for one in dict.fromkeys((kind, "sphere"))]
-    attempts = [lambda: consistent(u), *attempts] if kind == "symmetric" else attempts
+    attempts = [lambda: by_products(u, "consistent"), *attempts] if kind == "symmetric" else attempts
     reason: NotEllipsoid | None = None
     for attempt in attempts:
         try:
@@ -301,25 +287,32 @@ def _voters(u: np.ndarray, most: int = _PER_CELL) -> np.ndarray:
     """Rows of at most so many readings of each cell, evenly over time."""
     # cells that share a number are far apart, and only few
     number = np.floor(u / _CELL).astype(np.int64) @ np.array([1, 1 << 20, 1 << 40])
-    cell, count = np.unique(number, return_inverse=True, return_counts=True)[1:]
-    order = np.argsort(cell, kind="stable")
-    size = count[cell[order]]
-    place = np.arange(len(u)) - np.repeat(np.cumsum(count) - count, count)
+    order = np.argsort(number, kind="stable")
+    first = np.flatnonzero(np.diff(number[order], prepend=number[order[:1]] - 1))
+    count = np.diff(first, append=len(u))
+    size, place = np.repeat(count, count), np.arange(len(u)) - np.repeat(first, count)
     return np.sort(order[(size <= most) | (place * most // size != (place - 1) * most // size)])
+
+
+def _quantile(values: np.ndarray, share: float) -> Any:
+    """`numpy.quantile` along the first axis, in a third of the time."""
+    place = share * (len(values) - 1)
+    rows = [int(place), min(int(place) + 1, len(values) - 1)]
+    low, high = np.partition(values, rows, axis=0)[rows]
+    return low + (place - rows[0]) * (high - low)
 
 
 def _frame(m: np.ndarray) -> tuple[np.ndarray, float]:
     """Median reading and size of a log, by readings of which every cell has four at most: a dwell does not shrink them."""
-    voters = m
+    rows = np.arange(len(m))
     for _ in range(4):
-        middle = np.median(voters, axis=0)
-        size = float(np.quantile(np.linalg.norm(voters - middle, axis=1), _SIZE))
+        middle = _quantile(m[rows], 0.5)
+        size, last = float(_quantile(np.linalg.norm(m[rows] - middle, axis=1), _SIZE)), rows
         if not size > 0:
             break
-        rows, last = _voters((m - middle) / size), len(voters)
-        if len(rows) == last == len(m):
+        rows = _voters((m - middle) / size)
+        if np.array_equal(rows, last):
             break
-        voters = m[rows]
     return middle, size
 
 
@@ -385,8 +378,10 @@ class Chosen(NamedTuple):
     full: int
 
 
-def chosen(m: np.ndarray) -> Chosen:
-    """The readings to fit: without spikes, repeats and saturated ones, thinned if many."""
+def chosen(m: np.ndarray, everything: bool = False) -> Chosen:
+    """The readings to fit: without spikes, repeats and saturated ones, thinned if many; or all."""
+    if everything:
+        return Chosen(np.arange(len(m)), m, None, 0)
     full = clipped(m)
     used = np.flatnonzero(~full & ~held(m))
     kept, near = sound(m[used])

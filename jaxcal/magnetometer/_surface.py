@@ -12,13 +12,11 @@ import contextlib
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._answer import Finding
 from .._compile import filter_jit
-from .._errors import DataError
 from ..fitting._information import symmetric_inverse
 from ..fitting._serial import BLOCKS, CHANCE, by_parts, followed, span_of
 from . import _quadric as quadric
@@ -26,8 +24,8 @@ from ._aids import Asked
 from ._directions import bins
 from ._findings import FINDINGS
 from ._model import MagModel
-from ._orthogonal import Found, Near, maximised, nearest, of_method, times
-from ._own_model import further_names, leaves_of, looked, rebuilt
+from ._orthogonal import Found, Near, by_ellipsoid, fitted, maximised, nearest, of_method, slopes_of, times
+from ._own_model import looked, parts_of
 from ._quadric import COUNT, EXACT, NEAR_PLANAR, SYMMETRIC, UPPER, Chosen, Frame, NotEllipsoid, basis_of, unit
 
 #: constant of Tukey's biweight, 95 % efficient with normal noise; standard deviations where its tail begins, how surely it is too heavy,
@@ -46,7 +44,7 @@ class Cause(NamedTuple):
 
 
 class Surface(NamedTuple):
-    """What a fit knows: a fitted surface, the finding why there is none, or the normal of the plane of the readings; then the attitudes.
+    """What a fit knows: a fitted surface, or findings why there is none, and the normal of a plane of the readings; then the attitudes.
 
     rows : numbers of the fitted readings, of those of the log that are finite. m : these readings, as they were fitted. said : findings.
     found : in scaled readings; scale, radius : unit of its distances, and size of the field in that unit. slopes : (13 + q, p) derivative
@@ -56,11 +54,10 @@ class Surface(NamedTuple):
     parts of the log. causes : what the residuals follow; their steps are in the covariance.
     corrected : all readings. residual : (n,) their distances, and noise : their standard deviation, in their unit.
     unseen : (13,) bias by terms that a smaller model leaves out, or of another method. larger : surface of the largest model, if another.
-    dip, down : of the field, and the axis that points down at level, or None. joint : whether fitted with a sensor beside, or currents;
-    spread, terms : covariance and further parameters with the fields of currents; alignment : the rotation.
+    dip, down : of the field, and the axis that points down at level, or None. joint : kind of a fit with a sensor beside, or currents;
+    spread : covariance with their fields, which are then among the further values; alignment : the rotation.
     """
 
-    refused: Finding | None = None
     plane: Any = None
     rows: Any = None
     said: tuple[Finding, ...] = ()
@@ -87,35 +84,30 @@ class Surface(NamedTuple):
     down: Any = None
     joint: str = ""
     spread: Any = None
-    terms: Any = None
     alignment: Any = None
 
 
-def surface_of(asked: Asked) -> Surface:
-    """The surface through the readings, the finding why there is none, or their plane."""
+def surface_of(asked: Asked, picked: Chosen) -> Surface:
+    """The surface through the chosen readings, the finding why there is none, or their plane."""
     if asked.traced:
         return _in_trace(asked.model, asked.m, asked.norm, asked.conditions)
-    own, m = isinstance(asked.model, MagModel), asked.m[asked.there]
-    picked = Chosen(np.arange(len(m)), m, None, 0) if own else quadric.chosen(m)
+    own = isinstance(asked.model, MagModel)
+    m = asked.m[asked.there]
     try:
-        one = _of_object(asked, m) if own else _of_kind(asked, picked)
+        one = fit_leaves(asked.model, m, asked.norm, asked.conditions) if own else _of_kind(asked, picked, m)
     except NotEllipsoid as error:
-        one = Surface(FINDINGS("no_ellipsoid", quadric=error.quadric))
-    one = one._replace(rows=picked.rows, said=(FINDINGS("clipped", count=picked.full),) if picked.full else ())
-    if one.found is None:
-        return one
-    if not own:
-        near = one.found.near if np.array_equal(one.m, m) else nearest(one.found.soft, (m - one.model.hard_iron) / one.scale)
-        one = one._replace(residual=(near.distance - one.found.noise2 * near.curvature) * one.scale, corrected=near.corrected * one.field)
-    return _uncertain(one, asked.conditions)
+        one = Surface(said=(FINDINGS("no_ellipsoid", quadric=error.quadric),))
+    clipped = (FINDINGS("clipped", count=picked.full),) if picked.full else ()
+    one = one._replace(rows=picked.rows, said=(*clipped, *one.said))
+    return one if one.found is None else _uncertain(one, asked.conditions)
 
 
 def _uncertain(one: Surface, conditions: dict[str, np.ndarray]) -> Surface:
     """The surface with its covariance: by parts of the log, at least that of white residuals, with what the fit cannot see by itself."""
     found, matrix, freedom, parts, causes = one.found, one.found.covariance, one.found.freedom, False, ()
     if np.isfinite(matrix).all() and found.converged and found.noise > EXACT * one.radius:
+        causes = tuple(_causes(one, conditions)) if one.usual is None else ()
         matrix, parts = by_parts(matrix, found.near.slopes, found.distance)
-        causes = tuple(_causes(one, conditions)) if one.usual is None and np.isfinite(matrix).all() else ()
     matrix = between(one.slopes, matrix) + sum(np.outer(step, step) for step in [one.unseen, *(cause.step for cause in causes)])
     return one._replace(matrix=matrix, freedom=float(BLOCKS - 1) if parts else freedom, parts=parts, causes=causes)
 
@@ -163,16 +155,13 @@ def between(slopes: Any, covariance: Any) -> Any:
 @filter_jit
 def _in_trace(model: Any, m: Any, norm: Any, conditions: dict[str, Any]) -> Surface:
     """The surface in a trace; one program, since called eagerly by `grad` its operations would be compiled one by one."""
-    if isinstance(model, MagModel):
-        one = fit_leaves(jax.tree.map(lambda leaf: jnp.asarray(leaf, m.dtype), model), m, norm, conditions)
-    else:
-        frame = Frame.of(m)
-        one = ellipsoid(fitted(frame.scaled(m), model), frame, norm, m)
+    own, frame = isinstance(model, MagModel), Frame.of(m)
+    one = fit_leaves(model, m, norm, conditions) if own else ellipsoid(fitted(frame.scaled(m), model), frame, norm)._replace(m=m)
     return one._replace(matrix=between(one.slopes, one.found.covariance), freedom=float(len(m) - one.found.parameters.size))
 
 
-def _of_kind(asked: Asked, picked: Chosen) -> Surface:
-    """The surface of a built-in model through chosen readings.
+def _of_kind(asked: Asked, picked: Chosen, everything: np.ndarray) -> Surface:
+    """The surface of a built-in model through chosen readings, and all readings beside it.
 
     Raises
     ------
@@ -183,37 +172,48 @@ def _of_kind(asked: Asked, picked: Chosen) -> Surface:
     count, frame = _distinct(m), Frame.of(m)
     least = "sphere" if model in ("auto", "planar") and method == "ml" else "symmetric" if model == "auto" else model
     if count <= COUNT[least] or frame.scale < EXACT * np.abs(m).max():
-        return Surface(FINDINGS("few", count=count, model=least, least=COUNT[least] + 1))
+        return Surface(said=(FINDINGS("few", count=count, model=least, least=COUNT[least] + 1),))
+    near = None
     if picked.near is not None:
-        m = _calmed(m, frame, *picked.near)
+        m, soft, centre = _calmed(m, frame, *picked.near)
         frame = Frame.of(m)
+        near = soft / frame.scale, (centre - frame.centre) / frame.scale
     u = frame.scaled(m)
     spread = quadric.extents(u)
     if spread[1] < NEAR_PLANAR:
-        return Surface(FINDINGS("line"))
+        return Surface(said=(FINDINGS("line"),))
     if model == "planar" or (spread[2] < NEAR_PLANAR and model == "auto" and method == "ml"):
         normal = np.linalg.svd(u, full_matrices=False)[2][2]
         return Surface(plane=normal * np.sign(normal[np.argmax(np.abs(normal))]))
+    unseen, fits, largest = 0.0, {}, None
     if method != "ml":
-        shape, centre = quadric.constrained(u) if method == "constrained" else quadric.consistent(u)
+        shape, centre = quadric.by_products(u, method)
         x, basis = quadric.parameters_of(least, quadric.soft_of(shape), centre), basis_of(least)
-        one = ellipsoid(of_method(by_ellipsoid(u, basis, x), x, basis, least), frame, norm, m)
+        found = largest = of_method(by_ellipsoid(u, basis, x), x, basis, least)
         with contextlib.suppress(NotEllipsoid):
             # what the paper's method has beside noise is a bias, as the terms that a smaller model leaves out
-            one = one._replace(unseen=one.slopes @ (fitted(u, least).parameters - x)) if method == "constrained" else one
-        return one
-    if model != "auto":
-        return ellipsoid(fitted(u, model), frame, norm, m)
-    fits, occupied = candidates(u, count)
-    found, largest = min(fits.values(), key=lambda one: score(one.distance, one.kind, occupied)), fits.get("symmetric")
-    one = ellipsoid(found, frame, norm, m)
+            unseen = basis @ (fitted(u, least, near).parameters - x) if method == "constrained" else unseen
+    elif model != "auto":
+        found = largest = fitted(u, model, near)
+    else:
+        fits, occupied = candidates(u, count, near)
+        found, largest = min(fits.values(), key=lambda one: score(one.distance, one.kind, occupied)), fits.get("symmetric")
+        unseen = left_out(fits, found)
+    # all readings, as they are, beside the surface of those that were fitted
+    same = len(picked.m) == len(everything) and m is picked.m
+    beside = found.near if same else nearest(found.soft, frame.scaled(everything) - found.centre[None])
+    one = ellipsoid(found, frame, norm)
+    one = one._replace(
+        m=m, unseen=one.through @ (unseen + np.zeros(12)), corrected=one.field * beside.corrected,
+        residual=(beside.distance - found.noise2 * beside.curvature) * frame.scale,
+    )  # fmt: skip
     if found is largest:
         return one
     wide = one._replace(matrix=np.full((13, 13), np.inf))  # as long as the largest model is not known
     if largest is not None and largest.converged:
         wide = ellipsoid(largest, frame, None)
         wide = wide._replace(matrix=between(wide.slopes, largest.covariance))
-    return one._replace(unseen=one.through @ left_out(fits, found), larger=wide)
+    return one._replace(larger=wide)
 
 
 def radius_of(soft: Any) -> Any:
@@ -231,7 +231,7 @@ def iron_slopes(whole: Any, field: Any, given: bool) -> Any:
     return xp.concatenate([hard, xp.concatenate([by_soft, xp.zeros((10, 3), dtype=whole.dtype)], axis=1)])
 
 
-def ellipsoid(found: Found, frame: Frame, norm: Any, m: Any = None) -> Surface:
+def ellipsoid(found: Found, frame: Frame, norm: Any) -> Surface:
     """The surface of an ellipsoid in scaled readings, traced or not; `norm`: magnitude of the field if it is given."""
     radius = radius_of(found.soft)
     field = frame.scale * radius if norm is None else norm
@@ -239,17 +239,8 @@ def ellipsoid(found: Found, frame: Frame, norm: Any, m: Any = None) -> Surface:
     model = MagModel(found.soft * frame.scale / field, frame.centre + frame.scale * found.centre)
     return Surface(
         found=found, model=model, field=field, slopes=through @ found.basis, through=through, residual=found.distance * frame.scale,
-        noise=found.noise * frame.scale, m=m, scale=frame.scale, radius=radius,
+        noise=found.noise * frame.scale, scale=frame.scale, radius=radius,
     )  # fmt: skip
-
-
-def _of_object(asked: Asked, m: np.ndarray) -> Surface:
-    """The surface of a model object through all readings."""
-    model = jax.tree.map(lambda leaf: np.asarray(leaf, dtype=float), asked.model)
-    least = 10 + len(further_names(model))
-    if len(m) < least:
-        raise DataError(f"There are {len(m)} readings; this model with {least - 1} parameters needs {least}.", code="few_readings")
-    return fit_leaves(model, m, asked.norm, asked.conditions)
 
 
 def _distinct(m: np.ndarray) -> int:
@@ -258,8 +249,10 @@ def _distinct(m: np.ndarray) -> int:
     return few if few > COUNT["symmetric"] else len(np.unique(m, axis=0))
 
 
-def _calmed(m: np.ndarray, frame: Frame, shape: np.ndarray, centre: np.ndarray) -> np.ndarray:
+def _calmed(m: np.ndarray, frame: Frame, shape: np.ndarray, centre: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Readings whose distances d from an ellipsoid near them are psi(d) / mean(psi'), if these have too heavy a tail; psi is Tukey's.
+
+    Also S and the centre of that ellipsoid.
 
     Least squares of these pseudo-values is the redescending fit, and their scatter gives its covariance (P. J. Huber and E. M. Ronchetti,
     Robust Statistics, 2009, section 7.8). Normal noise needs none of this.
@@ -274,44 +267,27 @@ def _calmed(m: np.ndarray, frame: Frame, shape: np.ndarray, centre: np.ndarray) 
             pulled = one.distance * (1 - square) ** 2 / np.mean((1 - square) * (1 - 5 * square))
             m = frame.centre + frame.scale * (u - one.normal * (one.distance - pulled)[:, None])
             x = x + np.linalg.lstsq(-one.slopes, pulled, rcond=None)[0]
-    return m
+    iron = frame.scale * (basis @ x)
+    return m, iron[:9].reshape(3, 3), frame.centre + iron[9:]
 
 
-def by_ellipsoid(u: Any, basis: np.ndarray, x: Any, near: Near | None = None) -> Near:
-    """Scaled readings beside an ellipsoid, and the slopes of their distances by its parameters."""
-    iron = basis @ x
-    found = nearest(iron[:9].reshape(3, 3), u - iron[9:][None], None if near is None else near.multiplier)
-    return found._replace(slopes=slopes_of(found, basis))
-
-
-def slopes_of(near: Near, basis: np.ndarray) -> Any:
-    """Derivative (n, p) of the distances of readings to an ellipsoid by its parameters."""
-    return -((near.normal[:, :, None] * near.field[:, None, :]).reshape(-1, 9) @ basis[:9] + near.normal @ basis[9:])
-
-
-def fitted(u: Any, kind: str, begin: Any = None) -> Found:
-    """The ellipsoid of a kind through scaled readings; in a trace nothing is chosen on the host."""
-    if begin is None:
-        begin = quadric.host_start(u, kind) if isinstance(u, np.ndarray) else quadric.traced_start(jax.lax.stop_gradient(u), kind)
-    basis = basis_of(kind).astype(u.dtype)
-    return maximised(lambda x, near, u: by_ellipsoid(u, basis, x, near), begin, 0.0 * u, basis, 1.0, kind, u)
-
-
-def candidates(u: np.ndarray, distinct: int) -> tuple[dict[str, Found], int]:
+def candidates(u: np.ndarray, distinct: int, near: Any = None) -> tuple[dict[str, Found], int]:
     """Fits of all kinds that have enough readings and are not clearly excluded, the largest first.
 
     Also the number of bins, of 500, that contain a reading.
     """
-    fits, failure, full = {}, None, None
+    fits, failure, full, count = {}, None, None, 0
     for kind in reversed(COUNT):
         if distinct <= COUNT[kind]:
             continue
-        near = None if full is None else _smaller(full, kind)
-        if full is not None and near is not None:
-            margin, iron = (COUNT[full.kind] - COUNT[kind]) * np.log(count), basis_of(kind) @ near
-            off = quadric.away((quadric.shape_of_soft(iron[:9].reshape(3, 3)), iron[9:]), u)
-            if score(off, kind, count) > score(full.distance, full.kind, count) + margin:
+        if full is not None:
+            x, step = _smaller(full, kind)
+            margin = (COUNT[full.kind] - COUNT[kind]) * np.log(count)
+            # to first order in the step, which is the smallest in the covariance of the larger model
+            if score(full.distance + full.near.slopes @ step, kind, count) > score(full.distance, full.kind, count) + margin:
                 continue
+            iron = basis_of(kind) @ x
+            near = (iron[:9].reshape(3, 3), iron[9:]) if (x[: COUNT[kind] - 3] > 0).all() else None
         try:
             fits[kind] = fitted(u, kind, near)
         except NotEllipsoid as error:
@@ -325,11 +301,11 @@ def candidates(u: np.ndarray, distinct: int) -> tuple[dict[str, Found], int]:
     return fits, count
 
 
-def _smaller(full: Found, kind: str) -> np.ndarray | None:
-    """Parameters of a smaller kind nearest to a fit in its covariance: almost the smaller fit where both models hold."""
+def _smaller(full: Found, kind: str) -> tuple[np.ndarray, np.ndarray]:
+    """Parameters of a smaller kind nearest to a fit in its covariance: almost its fit where both models hold; and the step there."""
     whiten, basis = symmetric_inverse(full.covariance), quadric.inverse_of(full.kind) @ basis_of(kind)
-    begin = symmetric_inverse(basis.T @ whiten @ basis) @ (basis.T @ whiten @ full.parameters)
-    return begin if (begin[: COUNT[kind] - 3] > 0).all() else None
+    x = symmetric_inverse(basis.T @ whiten @ basis) @ (basis.T @ whiten @ full.parameters)
+    return x, basis @ x - full.parameters
 
 
 def score(distance: Any, kind: str, count: int) -> float:
@@ -354,7 +330,7 @@ def left_out(fits: dict[str, Found], chosen: Found) -> np.ndarray:
 
 def fit_leaves(model: MagModel, m: Any, field: Any, conditions: dict[str, Any]) -> Surface:
     """The surface of a model object through readings (n, 3), on the host or in a trace, from the algebraic fit, or else from its values."""
-    xp, given, kind, frame = m.__array_namespace__(), leaves_of(model), m.dtype, Frame.of(m)
+    xp, kind, frame, (given, names, put) = m.__array_namespace__(), m.dtype, Frame.of(m), parts_of(model)
     left, values, right = xp.linalg.svd(given[:9].reshape(3, 3))
     turn, soft, hard, more = left @ right, (left * values[None]) @ left.T, given[9:12], given.size - 12
     norm = xp.median(xp.linalg.norm(m - hard[None], axis=1)) if field is None else field
@@ -383,8 +359,8 @@ def fit_leaves(model: MagModel, m: Any, field: Any, conditions: dict[str, Any]) 
     found = maximised(near_at, begin, h, basis, norm, type(model).__name__, m, norm, conditions, to_leaves)
     leaves = to_leaves @ found.parameters
     return Surface(
-        found=found, model=jax.tree.map(xp.asarray, rebuilt(model, leaves)), field=norm, residual=found.distance, noise=found.noise, m=m,
+        found=found, model=put(leaves), field=norm, residual=found.distance, noise=found.noise, m=m,
         slopes=xp.concatenate([to_leaves[np.r_[9:12, 0:9]], xp.zeros((1, 9 + more), dtype=kind), to_leaves[12:]]), radius=norm,
-        corrected=norm * found.near.corrected, further=dict(zip(further_names(model), leaves[12:], strict=True)),
+        corrected=norm * found.near.corrected, further=dict(zip(names, leaves[12:], strict=True)),
         usual={name: xp.median(value, axis=0) for name, value in conditions.items()},
     )  # fmt: skip

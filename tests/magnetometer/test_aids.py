@@ -277,7 +277,7 @@ PLAIN = cases.directions(40, 0)
 BAD = [
     ({"aid": 3.0}, "no_such_aid"), ({"aid": Accelerometer(np.ones((4, 3)))}, "rows_differ"),
     ({"aid": Accelerometer(np.ones(3))}, "bad_shape"),
-    ({"aid": Headings(np.ones(4))}, "heading_shape"), ({"aid": Headings(np.full(40, np.nan))}, "few_readings"),
+    ({"aid": Headings(np.ones(4))}, "rows_differ"), ({"aid": Headings(np.full(40, np.nan))}, "few_readings"),
     ({"aid": Accelerometer(np.full((40, 3), np.nan))}, "few_readings"), ({"currents": {"I": np.ones(40)}}, "current_constant"),
     ({"currents": {"I": np.ones(3)}}, "current_shape"),
 ]  # fmt: skip
