@@ -12,7 +12,6 @@ import equinox as eqx
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import host_float64, real_numbers
 from .._types import AnyArray, Samples
@@ -272,9 +271,6 @@ def heading_errors(
     """`rms_heading` (2,) in rad by each covariance of the parameters."""
     headings = both_tilts(change_of(model, field, usual), dip, down)
     return [rms_heading(headings, one) for one in matrices]
-
-
-errors_in_trace = filter_jit(heading_errors)
 
 
 def heading_at(found: Any, headings: np.ndarray, tilt: float = 0.0) -> np.ndarray:

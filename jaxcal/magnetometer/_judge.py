@@ -10,7 +10,7 @@ from ..fitting import Estimate
 from ..fitting._information import information as of_jacobian
 from . import _quadric as quadric
 from ._aids import Asked
-from ._directions import covered, errors_in_trace, heading_errors, needed
+from ._directions import covered, heading_errors, needed
 from ._findings import FINDINGS
 from ._model import MagModel
 from ._quadric import NEAR_PLANAR, SYMMETRIC, UPPER, Frame, extents, outliers, unit
@@ -29,7 +29,7 @@ def judged(asked: Asked, surface: Surface) -> MagFit:
                       asked.method, "none", findings=surface.said)  # fmt: skip
     condition, weakest = (np.nan, "the soft iron") if surface.joint or not host else _weakest(surface)
     matrices = [surface.matrix, *(np.outer(cause.step, cause.step) for cause in surface.causes)]
-    error, *costs = (heading_errors if host else errors_in_trace)(model, field, surface.usual, dip, surface.down, matrices)
+    error, *costs = heading_errors(model, field, surface.usual, dip, surface.down, matrices)
     larger, said, cover = surface.larger, list(surface.said), None
     wide = 0.0 if larger is None else heading_errors(larger.model, larger.field, None, dip, None, [larger.matrix])[0][0]
     if host:

@@ -18,7 +18,7 @@ from ._quadric import basis_of, host_start, parameters_of, traced_start
 CURVED = 0.02  # noise over radius above which the curvature term matters
 #: most steps to a foot, which takes three near the surface, and most steps of a fit
 ROUNDS, _STEPS = 20, 128
-SETTLED = 1e-6  # step in standard errors, and relative change of the noise, or of the degrees of freedom, that end the steps
+SETTLED = 1e-7  # step in standard errors, and relative change of the noise, or of the degrees of freedom, that end the steps
 SOFT = 0.4  # spread of the entries of a soft iron about a multiple of the identity: the paper's sensor, the strongest known, has 0.3
 
 

@@ -16,7 +16,6 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._answer import Finding
-from .._compile import filter_jit
 from ..fitting._information import symmetric_inverse
 from ..fitting._serial import BLOCKS, CHANCE, by_parts, followed, span_of
 from . import _quadric as quadric
@@ -152,9 +151,8 @@ def between(slopes: Any, covariance: Any) -> Any:
     return xp.where(known, slopes @ xp.where(known, covariance, 0.0) @ slopes.T, xp.inf)
 
 
-@filter_jit
 def _in_trace(model: Any, m: Any, norm: Any, conditions: dict[str, Any]) -> Surface:
-    """The surface in a trace; one program, since called eagerly by `grad` its operations would be compiled one by one."""
+    """The surface in a trace."""
     own, frame = isinstance(model, MagModel), Frame.of(m)
     one = fit_leaves(model, m, norm, conditions) if own else ellipsoid(fitted(frame.scaled(m), model), frame, norm)._replace(m=m)
     return one._replace(matrix=between(one.slopes, one.found.covariance), freedom=float(len(m) - one.found.parameters.size))
