@@ -62,8 +62,8 @@ def fit(
     method : "ml"; "consistent" (adjusted least squares: no noise bias, no iteration); or "constrained" (the magnetometer paper).
     model : "sphere" (4 parameters), "diagonal" (6), "symmetric" (9), or "planar" (turns about one axis). With
         "auto", "ml" chooses a model. Or a model object: a `MagModel`, or a subclass with
-        fields of its own. "ml" then fits its floating leaves, from their values or from the algebraic fit. With an aid or currents, the
-        fields of its own are those of the magnitudes.
+        fields of its own, of which the fit needs `measure` only. "ml" then fits its floating leaves: soft and hard iron from the algebraic
+        fit, all others from their values. With an aid or currents, the fields of its own are those of the magnitudes.
     field : magnitude of the true field, or the field vector (north, east, down), in the unit of the readings. The vector also gives the
         dip. Without `field`, the corrected readings keep the unit and mean size of the readings.
     field_error : relative standard deviation of `field` in the unit of the readings. It covers the sensor's sensitivity and the mean
