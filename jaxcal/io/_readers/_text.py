@@ -300,13 +300,9 @@ def _effective(row: list[str]) -> int:
     return len(row) - (len(row) > 1 and not row[-1].strip())
 
 
-def _is_number(field: str) -> bool:
-    return _ANY.fullmatch(field) is not None
-
-
 def _is_data(row: list[str]) -> bool:
     filled = [field.strip() for field in row if field.strip() not in MISSING]
-    numbers = sum(map(_is_number, filled))
+    numbers = sum(map(bool, map(_ANY.fullmatch, filled)))
     return numbers >= max(1, len(filled) / 2)
 
 
@@ -317,9 +313,9 @@ def _kind(fields: list[str]) -> str:
     for kind, form in (("date", _DATE), ("day", _DAY_ALONE), ("clock", _CLOCK)):
         if sum(map(bool, map(form.fullmatch, filled))) > len(filled) / 2:
             return kind
-    if sum(map(_is_number, filled)) <= len(filled) / 2:
+    if sum(map(bool, map(_ANY.fullmatch, filled))) <= len(filled) / 2:
         return "text"
-    if not all(re.fullmatch(r"[+-]?\d+", field) for field in filled if _is_number(field)):
+    if not all(re.fullmatch(r"[+-]?\d+", field) for field in filled if _ANY.fullmatch(field)):
         return "float"
     # float64 represents whole numbers exactly up to 2^53; nanoseconds since 1970 are larger
     return "long" if max(len(field) for field in filled) > 15 else "int"
