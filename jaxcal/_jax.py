@@ -45,6 +45,11 @@ def has_started() -> bool:
     return bool(getattr(sys.modules.get("jax._src.xla_bridge"), "_backends", None))
 
 
+def setting(name: str) -> Any:
+    """Value of one setting of JAX."""
+    return getattr(jax.config, name)
+
+
 def settings() -> list[tuple[str, str]]:
     """All settings of JAX on which a program may depend; those of its cache have no influence on it."""
     return sorted((name, repr(value)) for name, value in jax.config.values.items() if "cache" not in name)
@@ -77,7 +82,7 @@ def no_entry() -> Iterator[None]:
     fail. Each program of the store would meet its entry there as soon as its name changes, with a new version of jaxcal.
     """
     limit = "jax_persistent_cache_min_compile_time_secs"
-    before = getattr(jax.config, limit)
+    before = setting(limit)
     jax.config.update(limit, math.inf)
     try:
         yield

@@ -161,7 +161,7 @@ def _to_float64(leaf: Any) -> Any:
         return leaf  # the usual case; the rest takes ten times as long
     if isinstance(leaf, np.ma.MaskedArray):
         return real_numbers(leaf)
-    if isinstance(leaf, (np.ndarray, jax.Array, np.float32)) and jnp.issubdtype(leaf.dtype, jnp.floating):
+    if (isinstance(leaf, (np.ndarray, jax.Array)) or type(leaf) is np.float32) and jnp.issubdtype(leaf.dtype, jnp.floating):
         return np.asarray(leaf, dtype=np.float64)
     return leaf
 
@@ -200,7 +200,7 @@ def host_float64(function: F) -> F:
             )
         leaves = jax.tree.leaves((args, kwargs))
         if is_traced(leaves):
-            if not jax.config.jax_enable_x64:
+            if not jax.config.read("jax_enable_x64"):
                 warnings.warn(
                     f"{function.__module__}.{function.__name__} is traced in float32, in which integrated data lose "
                     "their small differences. Put these two lines at the top of the program:\n"

@@ -86,7 +86,7 @@ class Store:
         key = (function, tuple(slots), fixed)
         if key not in self._held:
             try:
-                name = _pickled((function, described(slots), jax.config.jax_enable_x64))
+                name = _pickled((function, described(slots), jax.config.read("jax_enable_x64")))
             except (pickle.PicklingError, AttributeError, TypeError):
                 self._held[key] = None  # a function inside another one, or a user's function
             else:

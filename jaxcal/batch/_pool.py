@@ -58,7 +58,7 @@ def room(workers: int) -> float:
 
 def limits(threads: int) -> dict[str, str]:
     """Environment of a worker: number of threads, no reservation of an accelerator's memory, the compilation cache of this process."""
-    import jax
+    from .._jax import setting
 
     count = str(threads)
     found = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS", "NPROC"), count)
@@ -66,7 +66,7 @@ def limits(threads: int) -> dict[str, str]:
     if threads == 1:
         found["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_multi_thread_eigen=false".strip()
     names = ("jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs", "jax_persistent_cache_min_entry_size_bytes")
-    return found | {name.upper(): str(value) for name in names if (value := getattr(jax.config, name)) is not None}
+    return found | {name.upper(): str(value) for name in names if (value := setting(name)) is not None}
 
 
 def _begin() -> None:

@@ -100,10 +100,11 @@ def keep_compiled() -> None:
     import jax
 
     from .._compile import keep_programs
+    from .._jax import setting
 
     # a full disk, or an entry that another process is writing, costs seconds but no result
     warnings.filterwarnings("ignore", message="Error (writing|reading) persistent compilation cache entry")
-    if jax.config.jax_compilation_cache_dir is None:
+    if setting("jax_compilation_cache_dir") is None:
         try:
             folder = cache_folder()
             folder.parent.parent.mkdir(parents=True, exist_ok=True)
