@@ -51,9 +51,9 @@ def cells(runs):
                 for a, w in zip(accel, gyro, strict=True):
                     found = fit(Readings(places, a, w, **(given if known else {})), world.LATITUDE)
                     inside.append(held(found))
-                    errors.append(found.psi - ATTITUDE[2])
+                    errors.append(np.nan if found.psi is None else found.psi - ATTITUDE[2])
                 cover = " ".join(f"{100 * share:6.1f}" for share in np.mean(inside, axis=0))
-                ratio = np.sqrt(np.mean(np.square(errors))) / bound
+                ratio = np.sqrt(np.nanmean(np.square(errors))) / bound
                 print(
                     f"{plan + ', ' + kind:32s} {'given' if known else 'not given':9s}  {cover}           {ratio:.3f} "
                     f"(bound {np.rad2deg(bound):.4f} deg; {1e3 * (time.perf_counter() - begin) / runs:.0f} ms)",

@@ -25,9 +25,9 @@ def covered(plan_name, kind, known, runs, seed=5):
         found = fit(Readings(places, a, w, **(noise if known else {})), world.LATITUDE)
         limits = {name: (found.estimate[name].low, found.estimate[name].high) for name in ("phi", "theta", "psi")}
         inside.append([limits[name][0] <= truth <= limits[name][1] for name, truth in zip(("phi", "theta", "psi"), ATTITUDE, strict=True)])
-        errors.append(found.psi - ATTITUDE[2])
+        errors.append(np.nan if found.psi is None else found.psi - ATTITUDE[2])
     bound = crlb(places, ATTITUDE, world.LATITUDE, **noise)
-    return np.mean(inside, axis=0), np.sqrt(np.mean(np.square(errors))) / bound.azimuth_std
+    return np.mean(inside, axis=0), np.sqrt(np.nanmean(np.square(errors))) / bound.azimuth_std
 
 
 EVERY = [(plan, kind, known, 400) for plan in world.PLANS for kind in world.NOISES for known in (True, False)[: 1 + (kind == "white")]]
