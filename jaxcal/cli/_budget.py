@@ -12,7 +12,6 @@ import jaxcal
 
 from .._answer import NOTE, tables, things_to_know
 from .._units import noise_units, si_unit
-from ..budget._result import GROUPS
 from ..export._formats import FORMATS
 from . import _options as opt
 from ._advice import not_a_calibration
@@ -70,6 +69,8 @@ def budget(
     require
         Limit of an error at the end, as heading=1 or tilt=0.5 (deg), velocity=0.1, position=5: by what the causes may grow.
     """
+    from ..budget._result import GROUPS  # loads NumPy, which help does not need
+
     made = motion in ("rest", "circle", "hand")
     errors, limit = _numbers("error", error, "gyro.scale=1e-3"), _numbers("require", (require,) if require else (), "heading=1")
     if set(limit) - set(GROUPS):

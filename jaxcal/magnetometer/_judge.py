@@ -37,7 +37,9 @@ def judged(asked: Asked, surface: Surface) -> MagFit:
         said += [] if surface.joint else _of_magnitudes(asked, surface, condition, weakest, float(error[0]), float(wide))
         said += _causes(surface, costs)
     held, spread = asked.norm is not None or surface.usual is not None, surface.matrix if surface.spread is None else surface.spread
-    estimate, kind = _estimated(model, field, spread, surface.freedom, surface.further or {}, held), surface.joint or found.kind
+    # a field that the readings leave open may be of any size, the readings not
+    quantity = quantity_of(np.nanmedian(np.abs(asked.m)) if host else field)
+    estimate, kind = _estimated(model, field, quantity, spread, surface.freedom, surface.further or {}, held), surface.joint or found.kind
     if host:
         size = field if surface.joint else surface.radius * surface.scale
         said += _about_residuals(surface.residual / size, float(surface.noise / size), surface.parts)
@@ -49,9 +51,9 @@ def judged(asked: Asked, surface: Surface) -> MagFit:
     )  # fmt: skip
 
 
-def _estimated(model: MagModel, field: Any, covariance: Any, freedom: Any, further: dict[str, Any], held: bool) -> Estimate:
+def _estimated(model: MagModel, field: Any, quantity: str, covariance: Any, freedom: Any, further: dict[str, Any], held: bool) -> Estimate:
     """Hard iron, soft iron, the field and `further` parameters (name -> value), in this order, with their covariance."""
-    xp, quantity = covariance.__array_namespace__(), quantity_of(field)
+    xp = covariance.__array_namespace__()
     values = [xp.ravel(xp.asarray(part)) for part in (model.hard_iron, model.soft_iron, field, *further.values())]
     states = {"field": "held"} if held else {}
     quantities = {"hard_iron": quantity, "field": quantity}

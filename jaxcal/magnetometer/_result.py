@@ -123,7 +123,7 @@ class MagFit(Result):
         """What corrects a reading, field and noise; then soft iron, heading error, coverage, rotation and check in detail."""
         if self.model is None:
             return []
-        quantity, numbers = quantity_of(self.field), self.estimate.numbers()
+        quantity, numbers = self.estimate.quantity("field"), self.estimate.numbers()
         soft = [one for one in numbers if one.name.startswith("soft_iron")]
         hard, rest = ([one for one in numbers if one not in soft and one.name.startswith("hard_iron") == first] for first in (True, False))
         currents = {one.name.removeprefix("currents.").rpartition("[")[0] for one in rest if one.name.startswith("currents.")}
