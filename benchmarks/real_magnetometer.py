@@ -255,7 +255,7 @@ def vehicle(case, seed):
     if kind == "one heading":
         known = np.full(len(m), np.nan)
         known[:20] = angles[0, 0] + np.deg2rad(rng.normal())
-        aid = Headings(known, up)
+        aid = Headings(known, up, error=np.deg2rad(1.0))
     spread = 0.01 if half else 0.0
     found = fit(m, aid=aid, field=field * np.exp(spread * rng.normal()), inclination=dip + np.deg2rad(half) * rng.normal())
     errors = []

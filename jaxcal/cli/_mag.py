@@ -69,6 +69,10 @@ def mag(
         str | None,
         Parameter(help="Column of known magnetic headings, or heading,roll,pitch, in degrees: for vehicles that stay level too."),
     ] = None,
+    heading_error: Annotated[
+        float,
+        opt.checked("--heading-error", lambda off: 0 <= off < 90, "degrees from 0 on", "By what all known headings may be off (1 sigma)."),
+    ] = 0.0,
     currents: Annotated[
         str | None, Parameter(help="Columns of motor currents or throttles, such as I1,I2; or time or temperature: fits the field of each.")
     ] = None,
@@ -126,7 +130,7 @@ def mag(
     align = (align or "none") if flight is None else "attitude"
     options = {
         "model": model, "field": field, "inclination": inclination, "place": place, "date": date, "align": align,
-        "headings": headings, "currents": currents, "check": check,
+        "headings": headings, "heading_error": heading_error, "currents": currents, "check": check,
     }  # fmt: skip
     earth, notes = _earth(field, place, date), list[str]()
     if flight is not None and earth is None and inclination is None:
@@ -143,7 +147,7 @@ def mag(
                 raise jaxcal.DataError("--align gyro needs times, and the log has none: give --rate", code="no_rate")
             given = shots(log, reading, recording, headings, currents, check)
             fields.update(given.currents)
-            found = _fit(recording, align, chosen, given, flight)
+            found = _fit(recording, align, chosen, given, flight, math.radians(heading_error))
             return found if present is None or found.model is None else _compared(against, present, found)
 
         files: list[File] = [
@@ -235,7 +239,7 @@ def _earth(field: float | None, place: tuple[float, float] | None, date: str | N
         raise opt.CallError(f"--place {place[0]:g} {place[1]:g} --date {date}: {error}") from error
 
 
-def _fit(log: Any, align: str, options: dict[str, Any], given: Shots, flight: Any) -> Any:
+def _fit(log: Any, align: str, options: dict[str, Any], given: Shots, flight: Any, off: float) -> Any:
     import numpy as np
 
     if align in ("accel", "gyro") and getattr(log, align) is None:
@@ -257,7 +261,7 @@ def _fit(log: Any, align: str, options: dict[str, Any], given: Shots, flight: An
     if flown is not None:
         aid = Attitude(flown[rows])
     if given.headings is not None:
-        aid = Headings(given.headings[rows], None if up is None else up[rows])
+        aid = Headings(given.headings[rows], None if up is None else up[rows], error=off)
     warmth = {} if log.temperature is None or given.currents else _conditions(log.temperature[kept])
     currents = {name: values[rows] for name, values in given.currents.items()}
     m = np.where(kept[:, None], log.mag, np.nan)[rows]

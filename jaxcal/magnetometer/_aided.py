@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from ..fitting._serial import by_parts
+from ..fitting._serial import BLOCKS, by_parts
 from ._aids import Attitudes
 from ._directions import level_axes
 from ._quadric import EXACT, unit
@@ -26,16 +26,18 @@ _SOFT, _WEIGHT = 0.05, 4.0  # prior spread of the entries of C, and how many ent
 #: spread of its antisymmetric part where nothing shows a rotation; for sensors on one board 0.2 degrees, and learnt where tilts show it
 _SYMMETRIC, _TURNED = 1e-4, 0.003
 _DELAY = 0.05  # s, prior standard deviation of the delay of the readings after the rates
-ROUNDS, SETTLED = 40, 0.02  # most rounds, and step in standard errors that ends them
+ROUNDS, SETTLED = 100, 0.02  # most rounds, and step in standard errors that ends them
 #: rad and s in one segment: the error of rates with a slightly wrong scale grows with the angle, and their bias enters to first order only
 _SEGMENT, _LONGEST = 2.0, 10.0
 _C, _B, _GAIN, _DIP, _LAG = slice(0, 9), slice(9, 12), 12, 13, slice(14, 18)
+_OFF = 14  # of known headings: no rates, whose bias stands there, are beside them
 
 
 class Known(NamedTuple):
     """Prior knowledge: logarithm of the magnitude of the field and its standard deviation, and the dip and its own, rad.
 
     stretch : whether the standard deviation covers the mean stretch of C too, and not only the gain about which its entries scatter.
+    off : standard deviation of what all known headings are off by, rad; infinite where they are off by nothing.
     """
 
     field: float = 0.0
@@ -43,18 +45,20 @@ class Known(NamedTuple):
     stretch: bool = False
     dip: float = 0.0
     dip_error: float = np.inf
+    off: float = np.inf
 
 
 class Solution(NamedTuple):
     """Parameters of the fit with their covariance: C by rows, b, logarithm of the gain, dip, bias and delay of the rates, K by currents.
 
-    parts : whether the covariance is that of fits without parts of the log. along : (n,) whether a reading has a residual along the
-    surface. spread : standard deviation of these over the field.
+    parts : whether the covariance is that of fits without parts of the log. freedom : of the noise, or of these parts. along : (n,)
+    whether a reading has a residual along the surface. spread : standard deviation of these over the field.
     """
 
     parameters: np.ndarray
     covariance: np.ndarray
     parts: bool
+    freedom: float
     along: np.ndarray
     converged: bool
     spread: float
@@ -129,11 +133,11 @@ class _Data:
     def __init__(self, u: np.ndarray, at: Attitudes, currents: np.ndarray):
         self.u, self.at, self.currents, n = u, at, currents, len(u)
         self.kind = "rates" if at.gyro is not None else "vertical" if at.up is not None else "none"
-        self.paired = np.zeros(n, dtype=bool)
+        self.paired = self.pointed = np.zeros(n, dtype=bool)
         if at.up is not None:
             self.paired = np.isfinite(at.up).all(axis=1)
             self.up = np.where(self.paired[:, None], at.up, [0.0, 0.0, -1.0])
-            self.pointed = self.paired & (np.zeros(n, dtype=bool) if at.heading is None else np.isfinite(at.heading))
+            self.pointed = self.paired & np.isfinite(np.nan if at.heading is None else at.heading)
             self.axes = level_axes(self.up)
 
     def turned(self, lag: np.ndarray) -> None:
@@ -147,8 +151,8 @@ class _Data:
         self.member = np.zeros(len(self.u), dtype=int)
         self.member[self.paired] = np.unique(segment[self.paired], return_inverse=True)[1]
 
-    def points(self, y: np.ndarray, dip: float) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-        """The point of its set nearest to each corrected reading, its change with a free heading, and with the dip."""
+    def points(self, y: np.ndarray, dip: float, off: float) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        """The point of its set nearest to each corrected reading, its change with the heading and the dip. off : of known headings."""
         h, n = unit(y), len(y)
         if self.kind == "none":
             return h, np.zeros((n, 3)), None
@@ -160,9 +164,9 @@ class _Data:
             return np.where(self.paired[:, None], point, h), np.zeros((n, 3)), None
         north = unit(h - np.sum(h * self.up, axis=1, keepdims=True) * self.up)
         if self.pointed.any():
-            north = np.where(self.pointed[:, None], _north(self.axes, np.nan_to_num(self.at.heading)), north)
+            north = np.where(self.pointed[:, None], _north(self.axes, np.nan_to_num(self.at.heading) + off), north)
         point, slope = np.cos(dip) * north - np.sin(dip) * self.up, -np.sin(dip) * north - np.cos(dip) * self.up
-        around = np.where(self.pointed[:, None], 0.0, np.cross(self.up, point))
+        around = np.cross(self.up, point)
         there = self.paired[:, None]
         return np.where(there, point, h), np.where(there, around, 0.0), np.where(there, slope, 0.0)
 
@@ -173,11 +177,11 @@ def _rows(data: _Data, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarra
     n, width = len(data.u), len(p)
     z = data.u - centre - data.currents @ terms
     inverse = np.linalg.inv(matrix)
-    point, around, by_dip = data.points(z @ inverse.T, p[_DIP])
+    point, around, by_dip = data.points(z @ inverse.T, p[_DIP], p[_OFF])
     left = z - point @ matrix.T
     normal = unit(point @ inverse)
     first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal), axis=1)])
-    free = around @ matrix.T
+    free = np.where(data.pointed[:, None], 0.0, around) @ matrix.T
     loose = np.linalg.norm(free, axis=1) > 1e-9
     # along the surface but at right angles to a free heading; both directions if none is free
     first = unit(np.where(loose[:, None], np.cross(normal, free), first))
@@ -187,6 +191,7 @@ def _rows(data: _Data, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarra
     slope[:, :, _B] = np.eye(3)
     if by_dip is not None:
         slope[:, :, _DIP] = by_dip @ matrix.T
+        slope[:, :, _OFF] = np.where(data.pointed[:, None], around, 0.0) @ matrix.T
     if data.kind == "rates":
         turn = np.cross(np.swapaxes(data.slope, 1, 2), point[:, None, :])  # (n, 4, 3)
         slope[:, :, _LAG] = np.where(data.paired[:, None, None], np.swapaxes(turn @ matrix.T, 1, 2), 0.0)
@@ -223,7 +228,8 @@ def _prior(p: np.ndarray, free: np.ndarray, base: np.ndarray, spread: float, kno
     rows[range(9), range(9)] = 1 / (spread * gain)
     rows[:, _GAIN] = -p[_C] / (spread * gain)
     found = [(left, rows)]
-    for place, value, error in ((_GAIN, known.field, known.field_error), (_DIP, known.dip, known.dip_error), (17, lag, _DELAY)):
+    scalars = ((_GAIN, known.field, known.field_error), (_DIP, known.dip, known.dip_error), (_OFF, 0.0, known.off), (17, lag, _DELAY))
+    for place, value, error in scalars:
         if free[place] and np.isfinite(error):
             row, now, matrix = np.zeros((1, width)), p[place], p[_C].reshape(3, 3)
             row[0, place] = 1 / error
@@ -258,6 +264,7 @@ def solved(
     p[_GAIN], p[_DIP] = np.log(np.abs(np.linalg.det(begin[0]))) / 3, known.dip
     free = np.ones(len(p), dtype=bool)
     free[_LAG], free[_DIP] = data.kind == "rates", data.kind == "vertical"
+    free[_OFF] |= np.isfinite(known.off)
     lag, spread, sigma, converged = np.zeros(4), _SOFT, np.full(2, max(noise, EXACT)), False
     turned, odd = _TURNED if at.rotated else _SYMMETRIC, held @ _odd(base)
     turn = 0
@@ -278,9 +285,10 @@ def solved(
         p[free] += short * step
         used = np.einsum("kp,pq,kq->k", whole[: len(left)], inverse, whole[: len(left)])
         last = sigma
+        nuisance = 3 * (int(data.member.max()) + 1) if data.kind == "rates" else 0
         if turn:
-            nuisance = 3 * (int(data.member.max()) + 1) if data.kind == "rates" else 0
-            sigma = np.array([_size(left, used, ~along, 0), _size(left, used, along, nuisance)])
+            # half way in the logarithm: where a few readings share their freedom, whole steps swing from side to side
+            sigma = np.sqrt(last * [_size(left, used, ~along, 0), _size(left, used, along, nuisance)])
         gain = np.exp(p[_GAIN])
         spread = _learnt(p[_C] / gain - base.ravel(), error[:9] / gain, _SOFT)
         if at.rotated:
@@ -299,7 +307,8 @@ def solved(
         inverse, parts = by_parts(inverse, whole[: len(left)], left / size, prior)
     full[np.ix_(free, free)] = inverse
     p[_LAG] += lag
-    return Solution(p, full, parts, data.paired, converged, float(sigma[1] / np.exp(p[_GAIN])) if along.any() else np.nan)
+    freedom = BLOCKS - 1 if parts else max(len(left) - nuisance - used.sum(), 1.0)
+    return Solution(p, full, parts, float(freedom), data.paired, converged, float(sigma[1] / np.exp(p[_GAIN])) if along.any() else np.nan)
 
 
 def _learnt(off: np.ndarray, error: np.ndarray, usual: float) -> float:

@@ -140,6 +140,7 @@ class Headings(eqx.Module):
     headings : (n,) headings in rad, NaN where unknown.
     accel : (n, 3) specific force, which gives the tilt; without it all readings count as level.
     declination : subtracted from the headings, rad; 0 if they are magnetic.
+    error : standard deviation of what all headings are off by together, rad. Errors from one to the next are found from the readings.
 
     Examples
     --------
@@ -153,6 +154,7 @@ class Headings(eqx.Module):
     headings: Held
     accel: Held | None = None
     declination: float | int = 0.0
+    error: float | int = 0.0
 
 
 class Attitude(eqx.Module):
@@ -211,7 +213,7 @@ class Attitudes(NamedTuple):
 
     source : key of `NAMES`. up : (n, 3) unit vectors, NaN where unknown. heading : (n,) rad, NaN where unknown. gyro, rate, rows : rates
     (k, 3) in rad/s at all samples of a log, the samples per second, and the sample of each reading. rotated : whether C may have a rotation
-    that these show. dip : known inclination in rad, or None.
+    that these show. dip : known inclination in rad, or None. off : spread of what all headings are off by, infinite for nothing.
     """
 
     source: str = ""
@@ -222,6 +224,7 @@ class Attitudes(NamedTuple):
     rows: Any = None
     rotated: bool = True
     dip: float | int | None = None
+    off: float = np.inf
 
 
 class Asked(NamedTuple):
@@ -299,4 +302,4 @@ def told(aid: Any) -> Attitudes:
         raise DataError(f"The aid is {type(aid).__name__}; give an Accelerometer, Attitude, Gyroscope or Headings.", code="no_such_aid")
     heading, level = np.ravel(np.asarray(aid.headings, dtype=float)) - aid.declination, aid.accel is None
     up = np.where(np.isfinite(heading)[:, None], [0.0, 0.0, -1.0], np.nan) if level else _verticals(aid.accel)
-    return Attitudes("headings", up, heading, rotated=not level)
+    return Attitudes("headings", up, heading, rotated=not level, off=float(aid.error) or np.inf)

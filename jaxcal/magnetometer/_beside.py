@@ -14,7 +14,6 @@ import scipy  # loads its parts when they are first used
 from .._answer import CAUTION, FATAL, NOTE, Finding, Quantity
 from .._arrays import axis_fault, axis_turns, axis_words
 from .._errors import DataError
-from ..fitting._serial import BLOCKS
 from ._aided import Known, Solution, attitudes_in_segments, north_of, solved
 from ._aids import NAMES, Alignment, Asked, Attitudes, vector_from
 from ._directions import INCLINATION
@@ -218,7 +217,8 @@ def _together(asked: Asked, surface: Surface, at: Attitudes, log: _Readings) -> 
     seen = axes.dip if axes is not None and np.isfinite(axes.dip) else None
     agrees = dip is not None and (seen is None or np.sign(seen) == np.sign(dip))
     field, error = (0.0, np.inf) if log.norm is None else (float(np.log(log.norm / scale)), asked.field_error or _FIELD)
-    known = Known(field, error, asked.field_error is not None, float(aim) if agrees or seen is None else seen, _DIP if agrees else _ANY_DIP)
+    way = (float(aim), _DIP) if agrees else (float(aim) if seen is None else seen, _ANY_DIP)
+    known = Known(field, error, asked.field_error is not None, *way, at.off)
     noise = surface.noise / scale if np.isfinite(surface.noise) else 0.01
     return axes, solved(u, at, (begin[0] @ base, begin[1]), base, held, known, currents, noise)
 
@@ -332,7 +332,7 @@ def _joint(asked: Asked, surface: Surface, at: Attitudes, log: _Readings, found:
     return surface._replace(
         joint=surface.found.kind if own else kind, said=tuple(said), model=model, field=field, corrected=corrected, residual=residual,
         noise=float(np.sqrt(np.sum(residual[surface.rows] ** 2) / max(len(log.rows) - 13, 1))), matrix=matrix, spread=spread,
-        freedom=float(BLOCKS - 1 if found.parts else max(len(found.along) - 13, 1)), parts=found.parts, dip=seen,
+        freedom=found.freedom, parts=found.parts, dip=seen,
         down=down, alignment=turn,
         further=(surface.further or {}) | {f"currents.{name}[{i}]": terms[j, i] for j, name in enumerate(asked.currents) for i in range(3)},
     )  # fmt: skip

@@ -77,7 +77,7 @@ def help_has_an_example(call, folder, device):
         said = call(*command.split(), "--help").out
         assert said.rstrip().splitlines()[-1].startswith(f"Example: jaxcal {command}"), command
         assert not re.search(r"default: *(False|None|\(\)|\"\")", said), command
-        assert ("LOG-" in said) == (command in ("noise", "temperature", "imu", "rate-table", "mag", "device")), command
+        assert ("LOG-" in said) == (command in ("noise", "temperature", "imu", "rate-table", "mag", "device", "budget")), command
 
 
 TABLE = [
