@@ -373,12 +373,12 @@ class Chosen(NamedTuple):
     """Readings to fit: their numbers, themselves, the ellipsoid near them (shape, centre) if one is known, and how many were saturated."""
 
     rows: np.ndarray
-    m: AnyArray
+    m: Any
     near: tuple[np.ndarray, np.ndarray] | None
     full: int
 
 
-def chosen(m: AnyArray, everything: bool = False) -> Chosen:
+def chosen(m: Any, everything: bool = False) -> Chosen:
     """The readings to fit: without spikes, repeats and saturated ones, thinned if many; or all."""
     if everything:
         return Chosen(np.arange(len(m)), m, None, 0)
