@@ -101,8 +101,12 @@ def budget(
         factors = jaxcal.budget.requirement(found, after=float(found.time[-1]), **{name: inside})
         causes = [cause for cause, _ in found.largest(name, found.time[-1])]
         known = [one for one in ("all", "noise", "calibration", "turning", "record", *causes) if one in factors]
-        words = (f"{one} {'does not suffice' if math.isnan(factors[one][0]) else f'times {factors[one][0]:.3g}'}" for one in known)
-        screen.lines(["", *textwrap.wrap(f"{require} after {found.time[-1]:g} s, by one of: {', '.join(words)}", 80)])
+        names = {"record": "length of the record"}
+        words = (
+            f"{names.get(one, one)} {'does not suffice' if math.isnan(factors[one][0]) else f'{factors[one][0]:.3g}'}" for one in known
+        )
+        said = f"{require} after {found.time[-1]:g} s is reached by one of these, as a multiple of what it is now: {', '.join(words)}"
+        screen.lines(["", *textwrap.wrap(said, 80)])
     screen.lines(things_to_know(told, more="-v", **how))
     show_written(screen, list(targets))
 

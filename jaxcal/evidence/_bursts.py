@@ -10,7 +10,6 @@ leaves the record before the next lag, and the levels before and after it are jo
 
 import functools
 import itertools
-from typing import Any
 
 import numpy as np
 import scipy  # loads its parts when they are first used
@@ -64,7 +63,8 @@ def bursts(values: Samples, rate: float | int) -> list[tuple[int, int]]:
     >>> 4_950 < first < 5_020, 5_080 < last < 5_150
     (True, True)
     """
-    record = _Record(values, rate)
+    known = columns_of(values)
+    record = _Record(known, rate)
     out = np.zeros(record.size, bool)
     if (held := stuck(record.columns)).any():
         out[record.index] = held
@@ -80,7 +80,6 @@ def bursts(values: Samples, rate: float | int) -> list[tuple[int, int]]:
     rows = np.flatnonzero(record.present)  # a gap inside is part of a stretch, one beside it is not
     starts, stops = runs(out[rows])
     found = list(zip(rows[starts].tolist(), (rows[stops - 1] + 1).tolist(), strict=True))
-    known = columns_of(values)
     following = itertools.pairwise([*found, (len(known), 0)])
     return [(first, _carried(known, first, last, after, rate)) for (first, last), (after, _) in following]
 
@@ -88,8 +87,7 @@ def bursts(values: Samples, rate: float | int) -> list[tuple[int, int]]:
 class _Record:
     """The readings that are still in, as one column for each axis without gaps, and the rows of the record that they come from."""
 
-    def __init__(self, values: Any, rate: float):
-        values = columns_of(values)
+    def __init__(self, values: np.ndarray, rate: float):
         known = np.isfinite(values)
         count = [np.count_nonzero(column) for column in known.T]
         enough = 0.5 * max(1, *count)  # an axis that stopped costs the others nothing

@@ -25,9 +25,9 @@ _TILTS = (10, 20, 45)  # degrees: a gust, a turn, and the steepest turn of an or
 _LARGEST = 30.0  # degrees: a larger predicted error only says that the heading is open, because it comes from first derivatives
 
 
-def quantity_of(field: Any) -> str:
-    """Quantity of the readings: "mag" for a field in tesla, else "counts"; "ratio" where it is traced."""
-    return "ratio" if isinstance(field, jax.Array) else "mag" if field < BEYOND["mag"] else "counts"
+def quantity_of(size: Any) -> str:
+    """Quantity of readings of this size: "mag" for a field in tesla, else "counts"; "ratio" where it is traced."""
+    return "ratio" if isinstance(size, jax.Array) else "mag" if size < BEYOND["mag"] else "counts"
 
 
 class MagFit(Result):

@@ -49,7 +49,7 @@ def test_a_budget_of_a_calibration_and_of_a_log(call, folder, sheet, log):
     assert not (folder / "sheet-budget").exists()  # other files were named
     told = call("budget", sheet, "--require", "heading=1", "--out", "b", "--rest", 60, "--error", "accel.bias=0.02")
     factor = requirement(direct, after=3600.0, heading=np.deg2rad(1.0))["all"][0]
-    assert f"all times {factor:.3g}," in told.out
+    assert f"all {factor:.3g}," in told.out
     assert call("budget", sheet, "--require", "course=1").code == "require"
     assert call("budget", sheet, "--error", "gyro.scale").code == "error"
     assert call("budget", sheet, "--error", "gyro.colour=1").code == "no_error"

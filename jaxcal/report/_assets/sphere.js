@@ -132,15 +132,18 @@
       this.names().forEach((name, k) => {
         const v = [0, 0, 0];
         v[k] = 1;
-        const [a, b, c] = this.place(v), [p, q] = this.place(v.map((one) => 1.14 * one));
-        ctx.globalAlpha = c >= 0 ? 1 : 0.45;
-        ctx.strokeStyle = ctx.fillStyle = color("ink");
-        ctx.beginPath();
-        ctx.moveTo(...this.middle);
-        ctx.lineTo(a, b);
-        ctx.stroke();
-        ctx.fillText(name, p, q);
+        this.arm(ctx, v, name, color("ink"));
       });
+    }
+    arm(ctx, v, name, ink) {
+      const [a, b, c] = this.place(v), [p, q] = this.place(v.map((one) => 1.14 * one));
+      ctx.globalAlpha = c >= 0 ? 1 : 0.45;
+      ctx.strokeStyle = ctx.fillStyle = ink;
+      ctx.beginPath();
+      ctx.moveTo(...this.middle);
+      ctx.lineTo(a, b);
+      ctx.stroke();
+      ctx.fillText(name, p, q);
       ctx.globalAlpha = 1;
     }
     points(ctx) {
@@ -216,18 +219,8 @@
       ctx.strokeStyle = color("series-0");
       ctx.lineWidth = 1.5;
       this.path(Array.from({ length: Math.min(this.at, 20) + 1 }, (_, back) => this.axis(this.at - back, 0)));
-      ["x", "y", "z"].forEach((name, k) => {
-        const v = this.axis(this.at, k), [a, b, c] = this.place(v), [p, q] = this.place(v.map((one) => 1.1 * one));
-        ctx.globalAlpha = c >= 0 ? 1 : 0.5;
-        ctx.strokeStyle = ctx.fillStyle = color(`series-${k}`);
-        ctx.lineWidth = 4;
-        ctx.beginPath();
-        ctx.moveTo(...this.middle);
-        ctx.lineTo(a, b);
-        ctx.stroke();
-        ctx.fillText(name, p, q);
-      });
-      ctx.globalAlpha = 1;
+      ctx.lineWidth = 4;
+      ["x", "y", "z"].forEach((name, k) => this.arm(ctx, this.axis(this.at, k), name, color(`series-${k}`)));
     }
     gaps() {}
   }
