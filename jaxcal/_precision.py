@@ -156,8 +156,10 @@ def real_numbers(values: Any, name: str = "the data") -> np.ndarray:
     return array
 
 
-def _to_float32(leaf: Any) -> Any:
-    return leaf.astype(np.float32) if isinstance(leaf, np.ndarray | jax.Array) and leaf.dtype == np.float64 else leaf
+def as_there_is(leaf: Any) -> Any:
+    """An array in a trace, without float64 where that is off: JAX leaves it to one of NumPy that it has met with it, not to a new one."""
+    wide = isinstance(leaf, np.ndarray | jax.Array) and leaf.dtype == np.float64
+    return leaf.astype(np.float32) if wide and not jax.config.read("jax_enable_x64") else leaf
 
 
 def _to_float64(leaf: Any) -> Any:
@@ -213,8 +215,7 @@ def host_float64(function: F) -> F:
                     PrecisionWarning,
                     stacklevel=2,
                 )
-                # an array of NumPy that JAX has met with float64 keeps it; a new one has what there is now
-                args, kwargs = map_ordered(_to_float32, (args, kwargs))
+                args, kwargs = map_ordered(as_there_is, (args, kwargs))
             return function(*args, **kwargs) if is_traced() else _as_one(function, args, kwargs)
         # the data come first; flags and names of groups may follow
         for leaf in args[:1]:  # results that hold flags are no data

@@ -10,7 +10,7 @@ import numpy as np
 
 from .._arrays import namespace
 from .._errors import DataError
-from .._precision import array_module, is_traced
+from .._precision import array_module, as_there_is, is_traced
 from .._types import AnyArray, Array, Checked, Held, Leaf, NoiseLike, Numbers, Real, Samples
 from .._units import EARTH_RATE as EARTH_RATE, ON_EARTH, STANDARD_GRAVITY, on_earth
 from ._findings import FINDINGS
@@ -213,7 +213,7 @@ class Readings(eqx.Module):
 def _floats(values: Any, name: str) -> AnyArray:
     """Convert values to a floating-point array, of JAX if they are traced or JAX arrays, else of NumPy."""
     if is_traced(values) or isinstance(values, jax.Array):
-        return jnp.asarray(values)
+        return jnp.asarray(as_there_is(values))
     try:
         return np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
