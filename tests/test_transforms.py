@@ -1,7 +1,6 @@
 """Every estimator under every transform of JAX: the same values as without one, and the derivatives of central differences."""
 
 import functools
-import time
 
 import jax
 import jax.numpy as jnp
@@ -135,7 +134,6 @@ def is_long(name, transform):
 def test_every_fit_under_every_transform(name, transform):
     function, x, _ = (FITS | CLOSED)[name]
     value, along, weights, change = expected(name)
-    begin = time.process_time()
     if transform == "x64 off":
         # what the caller gives in float64 of NumPy meets float32
         mixed = jax.numpy_dtype_promotion("standard")
@@ -157,8 +155,6 @@ def test_every_fit_under_every_transform(name, transform):
             found = np.asarray(JACOBIANS[transform](function)(jnp.asarray(x))).reshape(value.size, -1) @ along.ravel()
             wanted = change
     np.testing.assert_allclose(found, wanted, rtol=exact, atol=exact * np.abs(wanted).max())
-    # 10 s on a machine that does nothing else; neighbours on the same core make it slower
-    assert time.process_time() - begin < 20
 
 
 @pytest.mark.parametrize("function", [lambda y: imu.six_position(y, 9.81), lambda y: imu.rate_table(y, np.ones((6, 3)))])
