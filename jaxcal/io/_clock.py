@@ -28,8 +28,8 @@ from ._stamps import (
     from_digits,
     is_fraction,
     of_day,
-    pair,
     since_midnight,
+    together,
     unit_by_step,
 )
 
@@ -50,6 +50,8 @@ _FILE_RATE = re.compile(r"(?<![0-9a-z.])([0-9]+(?:[.p][0-9]+)?)[ _-]?(k?hz)(?![a
 
 def newest_first(table) -> None:
     """Reverse a table whose time stamps fall from row to row."""
+    if not any(table.names) and any(increasing(column) for column in table.columns):
+        return  # a clock without a name rises, and what falls is a signal
     for i, (name, column) in enumerate(zip(table.names, table.columns, strict=True)):
         meaning, stamps = parse(name), column.dtype.kind == "M" or i in table.clocks
         if column.dtype.kind not in "iufM" or not (stamps or (meaning.kind == "time" if meaning else not any(table.names))):
@@ -162,13 +164,6 @@ def _unnamed(table, found: Selection, index: int) -> bool:
     return found.names[index] is None and bool(name) and not _LIKE_TIME.search(name) and not _IN_BRACKETS.search(name.strip())
 
 
-def _parts(table, indices: list[int]) -> Clock:
-    """Clock from columns of hours, minutes and seconds, and perhaps of a fraction."""
-    sizes = (3600.0, 60.0, 1.0, fraction_size(table.names[indices[-1]]))
-    seconds = sum(size * np.asarray(table.columns[i], np.float64) for i, size in zip(indices, sizes, strict=False))
-    return Clock(indices, since_midnight(np.asarray(seconds)), "time of day", "hours, minutes and seconds in columns of their own")
-
-
 def _varies(table, index: int) -> bool:
     column = table.columns[index]
     if column.dtype.kind == "M":
@@ -210,10 +205,10 @@ def reading_of(
             said = "column {i} ({name}) holds text, such as {shown!r}, where numbers are expected; name others with {option.columns}"
             raise DataError(Message(said, i=i, name=table.names[i] or "no name", shown=shown), code="text")
     if len(indices) > 2:
-        return _parts(table, indices)
+        return together(table, indices, [3600.0, 60.0, 1.0, fraction_size(table.names[indices[-1]])][: len(indices)])
     if len(indices) == 2:
-        part = _named_unit(table, found, indices[1:])
-        return pair(table, indices, columns, SECONDS.get(part or "", 1e-9))
+        part = 1.0 if indices[1] in table.clocks else SECONDS.get(_named_unit(table, found, indices[1:]) or "", 1e-9)
+        return together(table, indices, [1.0, part])
     (column,), (index,) = columns, indices
     if column.dtype.kind == "M":
         return Clock(indices, column, "date", "dates")
@@ -258,11 +253,6 @@ def _compare(table, best: Clock, other: Clock, found: Selection) -> Clock:
                 again = reading_of(table, best.columns, unit, None, found, explicit=False)
                 return dataclasses.replace(again, reason=f"agrees with {shown[1]}", sure=True)
     if best.sure and other.sure:
-        for power in (-9, -6, -4, -3, 3, 4, 6, 9):
-            if abs(ratio * 10.0**power - 1.0) < 0.05:
-                said = "the clocks {one} and {two} differ by {factor:g}: give one, {option.columns:time=...} {option.units:time=...}"
-                facts = {"one": f"{shown[0]} ({best.unit})", "two": f"{shown[1]} ({other.unit})", "factor": 10.0 ** abs(power)}
-                raise DataError(Message(said, **facts), code="clocks_contradict")
         percent, column = 100 * abs(1 / ratio - 1), ",".join(map(str, other.columns))
         found.findings.append(READ("clocks_differ", chosen=shown[0], other=shown[1], percent=percent, column=column))
     return best
@@ -279,16 +269,14 @@ def refuse_restarts(clock: Clock) -> None:
     drops = seconds[back] - seconds[back + 1]
     unit = SECONDS.get(clock.unit, 1e-4 if clock.unit == "1e-4 s" else 1.0)
     span = float(np.nanmax(seconds) - np.nanmin(seconds))
-    wraps = [size * unit for size in _WRAPS] + [size * tick for size in _WRAPS for tick in (1e-9, 1e-6, 1e-3)] + [DAY]
-    wraps = [wrap for wrap in wraps if wrap > 20 * period]
+    wraps = np.array([wrap for wrap in (*(size * tick for size in _WRAPS for tick in (unit, 1e-9, 1e-6, 1e-3)), DAY) if wrap > 20 * period])
     long = drops > max(0.2 * span, 50 * period)
     restarts = []
     for at, drop in zip(back[long].tolist()[:1000], drops[long].tolist(), strict=False):
-        wrapped = any(abs(drop - wrap) < max(0.01 * wrap, 20 * period) for wrap in wraps)
         after = seconds[at + 1 : at + 21]
         after = after[np.isfinite(after)]
         goes_on = len(after) > 3 and np.median(np.abs(np.diff(after))) < 5 * period and after.max() < seconds[at]
-        if not wrapped and goes_on:
+        if goes_on and not np.any(np.abs(drop - wraps) < np.maximum(0.01 * wraps, 20 * period)):
             restarts.append(at + 1)
     if restarts:
         rows = ", ".join(str(row + 1) for row in restarts[:6]) + (" ..." if len(restarts) > 6 else "")

@@ -6,6 +6,7 @@ sensor, gravity and the field rotate by ``da/dt = -omega x a``, so a regression 
 """
 
 import dataclasses
+import itertools
 
 import numpy as np
 
@@ -102,26 +103,18 @@ def normalised(values: np.ndarray) -> float | None:
 
 
 def steps_fit(differences: np.ndarray, size: float) -> bool:
-    """Whether differences are multiples of a step of this size to one part in 2500, and some are only a few steps."""
-    ratio = differences / size
-    near = ratio[ratio < 300]
-    near = near[near > 0.02]
-    if len(near) < 30 or np.mean(near < 0.5) > 0.02:
+    """Whether differences, in ascending order, are multiples of a step of this size to one part in 2500, and some are only a few steps."""
+    # the tests that reject most come before those that take long
+    least, half, few, most = np.searchsorted(differences, size * np.array([0.02, 0.5, 4.5, 300.0]))
+    if most - least < 30 or half - least > 0.02 * (most - least) or few - least < 3:
         return False
+    near = differences[least:most] / size
     # the size may be wrong by one part in 2500 at most, so that up to 300 steps are counted correctly
     whole = np.round(near)
     refined = float(near @ whole / (whole @ whole))
-    # the test that rejects most comes before those that take long
-    if abs(refined - 1.0) > _MATCH or np.sum(whole <= 4) < 3 or not np.mean(np.abs(near / refined - whole)) < 0.09:
+    if abs(refined - 1.0) > _MATCH or not np.mean(np.abs(near / refined - whole)) < 0.09:
         return False
     return len(np.unique(whole)) >= 5 and int(np.gcd.reduce(whole.astype(np.int64))) == 1
-
-
-def _may_fit(differences: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Quick preselection of step sizes: the first tests of `steps_fit`, for all sizes together; the differences ascend."""
-    least, half, few, most = (np.searchsorted(differences, times * sizes) for times in (0.02, 0.5, 4.5, 300.0))
-    near = most - least
-    return (near >= 30) & (half - least <= 0.02 * near) & (few - least >= 3)
 
 
 def _differences(values: np.ndarray) -> list[np.ndarray]:
@@ -141,18 +134,13 @@ def step_unit(sensor: str, values: np.ndarray) -> tuple[str, str] | None:
     differences = _differences(values)
     if not differences:
         return None
-    units = {
-        "gyro": {"deg/s": (1.0,), "rad/s": (np.radians(1.0),)},
-        "accel": {"g": (1.0,), "m/s^2": (STANDARD_GRAVITY, 9.81, 9.8)},
-    }[sensor]
-    hypotheses = {unit: [(known * one, known) for known in _COUNTS[sensor] for one in ones] for unit, ones in units.items()}
-    found: dict[str, float] = {}
-    for unit, sizes in hypotheses.items():
-        likely = np.sum([_may_fit(difference, np.array([size for size, _ in sizes])) for difference in differences], axis=0)
-        for (size, known), channels in zip(sizes, likely.tolist(), strict=True):
-            if channels > len(differences) / 2 and sum(steps_fit(one, size) for one in differences) > len(differences) / 2:
-                found[unit] = known
-                break
+    units = {"gyro": {"deg/s": (1.0,), "rad/s": (np.radians(1.0),)}, "accel": {"g": (1.0,), "m/s^2": (STANDARD_GRAVITY, 9.81, 9.8)}}[sensor]
+    found = {
+        unit: known
+        for unit, ones in units.items()
+        for known, one in itertools.product(_COUNTS[sensor], ones)
+        if sum(steps_fit(difference, known * one) for difference in differences) > len(differences) / 2
+    }
     if len(found) != 1:
         return None
     unit, known = next(iter(found.items()))

@@ -65,18 +65,14 @@ def find(path: pathlib.Path) -> tuple[str, list[pathlib.Path]]:
             raise DataError(f"the folder holds more than {MOST} files; give one log", code="not_a_log")
         try:
             kind = detect(file)
-        except DataError as error:
-            refused = refused or (f"{file.name}: {error}" if error.code == "lfs" else "")
+        except (DataError, OSError) as error:
+            refused = refused or (f"{file.name}: {error}" if getattr(error, "code", "") == "lfs" else "")
             continue
-        except OSError:
-            continue
-        if kind == "json":
-            continue  # JSON beside a log describes the log
-        if kind != "csv" or file.name.lower().endswith(_TEXT):
+        # JSON beside a log describes the log
+        if kind != "json" and (kind != "csv" or file.name.lower().endswith(_TEXT)):
             logs[file] = kind
     if not logs:
-        none = "no readable log and no ROS 2 recording (metadata.yaml) in it; give a log file"
-        raise DataError(refused or none, code="not_a_log")
+        raise DataError(refused or "no readable log and no ROS 2 recording (metadata.yaml) in it; give a log file", code="not_a_log")
     files, kinds = list(logs), set(logs.values())
     if len(files) == 1:
         return kinds.pop(), files
@@ -84,8 +80,7 @@ def find(path: pathlib.Path) -> tuple[str, list[pathlib.Path]]:
         return kinds.pop(), _parts(files)
     if kinds == {"csv"} and (sensors := sensor_files(files)):
         return "sensors", sensors
-    more = f" and {len(files) - _SHOWN} more" if len(files) > _SHOWN else ""
-    shown = ", ".join(file.name for file in files[:_SHOWN]) + more
+    shown = ", ".join(file.name for file in files[:_SHOWN]) + f" and {len(files) - _SHOWN} more" * (len(files) > _SHOWN)
     raise DataError(f"the folder holds {len(files)} logs, each a recording of its own: {shown}; give one of them", code="several_logs")
 
 

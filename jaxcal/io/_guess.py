@@ -114,15 +114,15 @@ def mag_unit(values: np.ndarray, stated: str | None, where: str) -> Guess:
     """Unit of a magnetometer from the radius of a sphere fit: the Earth's field is 22 to 67 uT."""
     radius, how = _evidence.field_size(values)
     seen = f"{how} {radius:.3g}"
-    size = None if stated is None else factor_of(stated, "mag")
-    if stated is None or size is None or values.shape[1] != 3 or not radius:
-        if stated is not None:
-            return Guess(stated, where, stated)
+    if stated is None:
         norm = _evidence.median_norm(values)
         if fitting("mag", radius) or not fitting("mag", norm, 1):
             return _by_size("mag", radius, seen, values)
         # readings on a small part of a sphere fit any radius, so use the median magnitude
         return dataclasses.replace(_by_size("mag", norm, f"median norm {norm:.3g}; uncertain, the {seen}", values), sure=False)
+    size = factor_of(stated, "mag")
+    if size is None or values.shape[1] != 3 or not radius:
+        return Guess(stated, where, stated)
     field = radius * size * 1e6
     if any(_allowed("mag", one * size * 1e6) for one in (radius, _evidence.median_norm(values))):
         return Guess(stated, f"{where}; {seen}", stated)
@@ -145,14 +145,13 @@ def no_field(values: np.ndarray) -> str | None:
 
 def _by_size(sensor: str, size: float, seen: str, values: np.ndarray) -> Guess:
     whole = _evidence.all_integer(values)
-    steps = _evidence.step_unit("accel", values) if sensor == "accel" else None
+    steps = (_evidence.step_unit("accel", values) if sensor == "accel" else None) or ("", "")
     for low, high, sure, no_counts in _RANGES[sensor]:
         for unit, (one, other) in _SIZES[sensor].items():
             if low <= size / one <= high and (not whole or unit in no_counts):
-                if steps and steps[0] == unit:
+                if steps[0] == unit:
                     return Guess(unit, f"{seen}; {steps[1]}", other)
-                if steps and steps[0] != unit:
-                    sure = False
+                sure = sure and not steps[0]
                 if sensor == "accel" and unit == "mg" and sure and 961.0 < size < 998.0:
                     return Guess(unit, f"{seen}; uncertain, could be cm/s^2", "cm/s^2", False)
                 # whole numbers near 1000 may be counts of 1/1024 g; a single axis does not give a magnitude

@@ -72,14 +72,14 @@ class Inspection:
     sources: tuple[str, ...]
     choices: tuple[Choice, ...]
     error: JaxcalError | None
-    samples: int | None
-    rate: float | None
-    duration: float | None
-    gaps: int | None
-    missing: int | None
-    findings: tuple[Finding, ...]
-    evidence: tuple[Stretch, ...]
-    commands: tuple[Suitability, ...]
+    samples: int | None = None
+    rate: float | None = None
+    duration: float | None = None
+    gaps: int | None = None
+    missing: int | None = None
+    findings: tuple[Finding, ...] = ()
+    evidence: tuple[Stretch, ...] = ()
+    commands: tuple[Suitability, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Return all fields as a dictionary for JSON."""
@@ -174,15 +174,11 @@ def inspect(path: str | os.PathLike[str], **options: Any) -> Inspection:
             log = finished(found, origin, given, choices)
     except JaxcalError as error:
         refused = error
-    known: dict[str, Any] = dict.fromkeys(("samples", "rate", "duration", "gaps", "missing"))
-    if log is not None:
-        lost = sum(gap.samples for gap in log.gaps)
-        known = {"samples": len(log.time), "rate": log.rate, "duration": log.duration, "gaps": len(log.gaps), "missing": lost}
-    return Inspection(
-        file=shown(path), format=origin.get("format"), size=origin.get("size"), columns=tuple(held), sources=sources,
-        choices=tuple(choices), error=refused, findings=() if log is None else log.findings, evidence=() if log is None else log.evidence,
-        commands=() if log is None else ranked(log, os.fspath(path)), **known,
-    )  # fmt: skip
+    known = (shown(path), origin.get("format"), origin.get("size"), tuple(held), sources, tuple(choices), refused)
+    if log is None:
+        return Inspection(*known)
+    grid = len(log.time), log.rate, log.duration, len(log.gaps), sum(gap.samples for gap in log.gaps)
+    return Inspection(*known, *grid, log.findings, log.evidence, ranked(log, os.fspath(path)))
 
 
 def _columns(table: Table) -> list[Column]:

@@ -28,7 +28,7 @@ _WORDS = {
     "gyro": (
         "g|gy|gyr|gyro|gyros|gyroscope|gyroscopes|gyroskop|giroscopio|giroscopo|gyrorotation|gyrorotationrate|gyroscoperotationrate|"
         "w|omega|"
-        "angularvelocity|angvelocity|angvel|angularvel|angularrate|angrate|anglerate|angularspeed|rate|rates|rotationrate|rotrate|"
+        "angular|angularvelocity|angvelocity|angvel|angularvel|angularrate|angrate|anglerate|angularspeed|rate|rates|rotationrate|rotrate|"
         "rotationspeed|turnrate|rateofturn|drehrate|drehgeschwindigkeit|winkelgeschwindigkeit|vitesseangulaire|velocidadangular|"
         "hoeksnelheid|jiroskop|zyroskop|gyroskooppi|kulmanopeus|predkosckatowa|acsalhz|vinkelhastighet|"
         "uhlovarychlost|vinkelhastighed|vantocgoc|kutnabrzina|szogsebesseg|kecepatansudut|vitezaunghiulara|velocitaangolare|"
@@ -158,6 +158,7 @@ def bracketed(name: str) -> str | None:
     return next((text for text in found if not text.isdigit() and text.lower() not in tuple(AXES)), None)
 
 
+@functools.lru_cache(4096)
 def unit_of(text: str, quantity: str) -> str | None:
     """Parse a unit in a header, with exponents such as ``rad s^-1`` and ``m s-2``; None if it is unknown."""
     text = re.sub(r"\((\w+\^?\d?)\)", r"\1", re.sub("^(?i:in|units?:?) +", "", text.strip())).rstrip("* ")
@@ -260,8 +261,9 @@ def unit_in(inside: str | None, kind: str) -> str | None:
     """The unit of a kind in the brackets of a name, or None."""
     if not inside or kind in ("gravity", "attitude", "motion", "counter"):
         return None
-    # gyro_rad and gyro [deg] mean rates, also of angles that are differenced
-    return unit_of(inside + "/s" * (kind == "gyro" and inside in ("deg", "rad")), quantity_of(kind))
+    # gyro_rad and gyro [mDeg] mean rates, also of angles that are differenced
+    angle = kind == "gyro" and re.fullmatch("m?(?:deg|rad)", inside, re.IGNORECASE)
+    return unit_of(inside.lower() + "/s" if angle else inside, quantity_of(kind))
 
 
 #: units of other quantities, which no sensor here has

@@ -7,6 +7,7 @@ import numpy as np
 
 from .._errors import DataError
 from .._message import Message, joined_messages
+from .._units import si_unit
 from ._columns import SENSORS
 from ._findings import READ
 from ._mixed import KINDS, TURNS
@@ -58,7 +59,7 @@ def read_sensors(tables: Mapping[str, Callable[[], Signals]]) -> Signals:
                 signals.findings.append(READ("not_read", what=f"{name} of {file}, since another file holds it"))
                 continue
             # the values are already in SI
-            parts.append(Part(name, file, _stamps(one), values, {"gyro": "rad/s", "accel": "m/s^2", "mag": "T"}.get(name, "degC")))
+            parts.append(Part(name, file, _stamps(one), values, si_unit(name)))
             signals.units[name] = one.units[name]
             signals.columns[name] = [file, *one.columns[name]]
     if not parts:

@@ -69,26 +69,25 @@ class Clock:
         return len(np.unique(seconds)) / len(seconds) if len(seconds) else 0.0
 
 
-def pair(table, indices: list[int], columns: list[np.ndarray], size: float) -> Clock:
-    """Clock from two columns: a date and a time of day, or seconds and a fraction in units of `size` s."""
-    fraction = np.asarray(columns[1]).astype(np.float64)
-    if columns[0].dtype.kind == "M" and columns[1].dtype.kind != "M":
-        seconds = fraction if indices[1] in table.clocks else fraction * size
-        ns = np.where(np.isfinite(seconds), np.round(seconds * 1e9), 0).astype(np.int64).astype("timedelta64[ns]")
-        time = columns[0] + ns
-        time[~np.isfinite(seconds)] = np.datetime64("NaT")
-        return Clock(indices, time, "date", "a date and a time of day" if indices[1] in table.clocks else "dates and a fraction of seconds")
-    whole = np.asarray(columns[0]).astype(np.float64)
-    known = np.isfinite(whole) & np.isfinite(fraction) if "M" not in (columns[0].dtype.kind, columns[1].dtype.kind) else np.zeros(1, bool)
-    if not known.any() or fraction[known].min() < 0 or fraction[known].max() * size >= 1.0:
-        shown = f"columns {indices[0]} and {indices[1]} ({', '.join(table.names[i] for i in indices)})"
+def together(table, indices: list[int], sizes: list[float]) -> Clock:
+    """Clock from the parts of a time in several columns, in units of `sizes` s: a date and a time of day, hours to fractions of seconds."""
+    first, *rest = (np.asarray(table.columns[i]) for i in indices)
+    dated, of_day = first.dtype.kind == "M", indices[0] in table.clocks or len(indices) > 2
+    fraction = indices[-1] not in table.clocks and sizes[-1] < 1.0
+    parts = [column.astype(np.float64) * size for column, size in zip(rest, sizes[1:], strict=True) if column.dtype.kind != "M"]
+    known = np.isfinite([*parts, parts[-1] if dated else first.astype(np.float64)]).all(axis=0) if parts else np.zeros(1, bool)
+    if not known.any() or (fraction and not 0.0 <= parts[-1][known].min() <= parts[-1][known].max() < 1.0):
+        shown = f"columns {', '.join(map(str, indices))} ({', '.join(table.names[i] for i in indices)})"
         said = "{shown} are no seconds with a fraction from 0 to {most:.9g}; name one time column with {option.columns:time=...}"
-        raise DataError(Message(said, shown=shown, most=1 / size), code="two_columns")
-    if indices[0] in table.clocks:
-        return Clock(indices, since_midnight(whole + fraction * size), "time of day", "times of day and a fraction of seconds")
-    first = whole[known][0]
-    small = next((unit for unit, one in SECONDS.items() if one == size), "ns")
-    return Clock(indices, (whole - first) + fraction * size, f"s + {small}", f"s and {small}", "s", True, int(first) * 10**9)
+        raise DataError(Message(said, shown=shown, most=1 / sizes[-1]), code="two_columns")
+    later = np.asarray(sum(parts))
+    if dated:
+        ns = np.where(known, np.round(later * 1e9), 0).astype(np.int64).astype("timedelta64[ns]")
+        return Clock(indices, np.where(known, first + ns, np.datetime64("NaT")), "date", "dates and times in columns of their own")
+    if of_day:
+        return Clock(indices, since_midnight(first * sizes[0] + later), "time of day", "times of day in columns of their own")
+    begin, small = first[known][0], next((unit for unit, one in SECONDS.items() if one == sizes[1]), "ns")
+    return Clock(indices, (first - begin) + later, f"s + {small}", f"s and {small}", "s", True, int(begin) * 10**9)
 
 
 def of_day(table) -> list[int] | None:

@@ -75,9 +75,7 @@ def unsuited(command: str, log: Log, name: str = "LOG") -> str | Message | None:
     name = shlex.quote(name)
     for one in log.findings:
         if one.code == "against_values" and one.facts["right"]:
-            return Message(
-                "{why}. Give {option.units:{sensor}={right}}", why=one.facts["why"], sensor=one.facts["sensor"], right=one.facts["right"]
-            )
+            return Message("{why}. Give {option.units:{sensor}={right}}", **{key: one.facts[key] for key in ("why", "sensor", "right")})
     if command in ("noise", "temperature"):
         found = _motion(log)
         if found is not None and found.share > _SHARE:
@@ -85,15 +83,12 @@ def unsuited(command: str, log: Log, name: str = "LOG") -> str | Message | None:
         aside = sum(one.facts["percent"] for one in log.findings if one.code == "set_aside") / 100
         if aside > _ASIDE:
             return _moving(command, _Motion(aside, "its readings vary", None if found is None else found.still), name)
-    if command == "imu" and log.accel is not None and log.accel.shape[1] == 3:
-        found = _motion(log)
-        if found is not None and found.share == 0.0:
-            said = f"the sensor rests in one attitude all the time; a calibration needs {_POSES}: hold it on faces and edges in turn"
-            return f"{said}. For the noise of this log: jaxcal noise {name}"
+    said = ""
+    if command == "imu" and log.accel is not None and log.accel.shape[1] == 3 and (found := _motion(log)) and found.share == 0.0:
+        said = f"the sensor rests in one attitude all the time; a calibration needs {_POSES}: hold it on faces and edges in turn"
     if command == "mag" and (sides := _sides(log.mag)) is not None and sides.max() < _SIDES:
         said = "the field comes from one side all the time, and a calibration needs it from all: turn the sensor through all attitudes"
-        return f"{said}. For the noise of this log: jaxcal noise {name}"
-    return None
+    return f"{said}. For the noise of this log: jaxcal noise {name}" if said else None
 
 
 def _moving(command: str, found: _Motion, name: str) -> str:

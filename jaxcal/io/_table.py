@@ -73,7 +73,8 @@ class Signals:
     """Data for a `Log`, and the columns and units from which they come.
 
     `own_time` has the stamps of sensors with their own; `nominal` is a rate that the file states beside stamps. `choices` are for
-    `jaxcal.io.inspect`, `sources` sentences on all topics, `imus` the `topics` of each IMU if there are several.
+    `jaxcal.io.inspect`, `sources` sentences on all topics, `imus` the `topics` of each IMU if there are several. `problems` are what keeps
+    the table from being read.
     """
 
     time: np.ndarray | None
@@ -88,6 +89,7 @@ class Signals:
     choices: list[Choice] = dataclasses.field(default_factory=list)
     sources: list[str] = dataclasses.field(default_factory=list)
     imus: list[str] = dataclasses.field(default_factory=list)
+    problems: list[Any] = dataclasses.field(default_factory=list)
 
 
 # overflow gives infinity, which counts as missing
@@ -108,7 +110,8 @@ def interpret(
     found = select(table, columns, wanted)
     if not set(found.columns) - {"time"}:
         raise DataError(Message("no sensor among the columns {listed}; {how}", listed=listed, how=HOW), code="no_sensor")
-    problems: list[Any] = []
+    signals = Signals(None, {}, findings=[*table.findings, *found.findings], rate=rate)
+    problems = signals.problems
     stated = (float(table.rate), "the file states") if table.rate else stated_rate(table.preamble, table.stem)
     clock: Clock | None = None
     if columns.get("time", ...) is not None:
@@ -116,12 +119,11 @@ def interpret(
             clock = clock_of(table, found, units, rate if rate is not None else stated and stated[0])
         except DataError as error:
             problems.append(error)
-    signals = Signals(None, {}, findings=[*table.findings, *found.findings], rate=rate)
     names = [name for name in (*SENSORS, "temperature") if name in found.columns]
     raw = {name: [_without(_numbers(table, i), missing) for i in found.columns[name]] for name in names}
     if clock is not None and not (clock.sure or phase):
         clock = _settled(clock, raw)
-    _set_time(table, found, columns, clock, stated, signals, problems)
+    _set_time(table, found, columns, clock, stated, signals)
     if wanted == "mag" and "mag" in raw and signals.time is None and not signals.rate:
         problems[:] = [one for one in problems if getattr(one, "code", "") != "no_rate"]
         raw, signals.rate = {"mag": raw["mag"]}, 1.0
@@ -134,7 +136,7 @@ def interpret(
     if phase:
         raw, signals.time = differentiate(raw, signals.time, signals.rate)
         signals.findings.append(READ("phase"))
-    guesses = _units(table, found, raw, units, period, clock, signals, problems)
+    guesses = _units(table, found, raw, units, period, clock, signals)
     if problems:
         raise problems[0] if len(problems) == 1 and isinstance(problems[0], DataError) else _all_of(problems)
     signals.columns = {name: indices for name, indices in found.columns.items() if name == "time" or name in guesses}
@@ -179,10 +181,7 @@ def _tell(
         signals.findings.append(READ("read_as" if sure else "assumed", name, **facts, why=why, other=other or unit))
 
 
-def _set_time(
-    table: Table, found: Any, columns: Columns, clock: Clock | None, stated: tuple[float, str] | None, signals: Signals,
-    problems: list[Any],
-) -> None:  # fmt: skip
+def _set_time(table: Table, found: Any, columns: Columns, clock: Clock | None, stated: tuple[float, str] | None, signals: Signals) -> None:
     """Set the time stamps, or else the rate."""
     if clock is None:
         if "time" not in columns and (signals.rate or stated):
@@ -190,9 +189,9 @@ def _set_time(
         if signals.rate is None and stated is not None:
             signals.rate = stated[0]
             signals.findings.append(READ("rate_of_name" if stated[1] == OF_NAME else "rate_stated", rate=stated[0], source=stated[1]))
-        elif signals.rate is None and not problems:
+        elif signals.rate is None and not signals.problems:
             counters = [table.names[i] for i, one in enumerate(found.names) if one is not None and one.kind == "counter" and table.names[i]]
-            problems.append(no_clock(table, list(dict.fromkeys([*counters, *found.counters]))[:3]))
+            signals.problems.append(no_clock(table, list(dict.fromkeys([*counters, *found.counters]))[:3]))
         return
     label = label_of(table, clock.columns)
     try:
@@ -200,7 +199,7 @@ def _set_time(
         if signals.rate is None and clock.reason:
             check_rate(clock, stated, signals.findings, label)
     except DataError as error:
-        problems.append(error)
+        signals.problems.append(error)
     signals.time, signals.epoch_ns, signals.units["time"] = clock.time, clock.epoch_ns, clock.unit
     signals.nominal = float(table.rate) if table.rate else None
     _tell(table, "time", clock.columns, clock.unit, clock.reason, clock.other, clock.sure, "time" in found.guessed, signals)
@@ -238,8 +237,7 @@ def _place_by_counter(table: Table, found: Any, rate: float, signals: Signals) -
 
 
 def _units(
-    table: Table, found: Any, raw: dict[str, Any], units: dict[str, str], period: float | None, clock: Clock | None, signals: Signals,
-    problems: list[Any],
+    table: Table, found: Any, raw: dict[str, Any], units: dict[str, str], period: float | None, clock: Clock | None, signals: Signals
 ) -> dict[str, _guess.Guess]:  # fmt: skip
     """Find the unit of every sensor; a magnetometer without a field, or a sensor without a unit, is left out with a warning."""
     guesses: dict[str, _guess.Guess] = {}
@@ -252,7 +250,7 @@ def _units(
             del raw[name], values[name]
         elif why:
             said = "mag: {why}; there is no other sensor in the table. {option.units:mag=...} reads it all the same"
-            problems.append(Message(said, why=why))
+            signals.problems.append(Message(said, why=why))
     turns = _guess.turns_of(values, period)
     for name in raw:
         first = table.names[found.columns[name][0]]
@@ -272,10 +270,10 @@ def _units(
             if name in found.guessed and set(raw) - {name, "temperature"} and apart:  # the other sensors can be used without it
                 signals.findings.append(READ("left_out", name, why=getattr(error, "why", error), quantity=name))
             else:
-                problems.append(error)
+                signals.problems.append(error)
     for name in set(raw) - set(guesses):
         raw.pop(name)
-    _check_turns(guesses, turns, clock, signals.findings, problems)
+    _check_turns(guesses, turns, clock, signals)
     return guesses
 
 
@@ -295,9 +293,7 @@ def _unit(
     return _guess.Guess(stated or "", "", "")
 
 
-def _check_turns(
-    guesses: dict[str, _guess.Guess], turns: Turning | None, clock: Clock | None, findings: list[Finding], problems: list[Any]
-) -> None:
+def _check_turns(guesses: dict[str, _guess.Guess], turns: Turning | None, clock: Clock | None, signals: Signals) -> None:
     """Check that rates and time stamps together agree with the observed rotation of gravity or of the field."""
     if turns is None or "gyro" not in guesses or abs(turns.correlation) < 0.6:
         return
@@ -308,11 +304,11 @@ def _check_turns(
         found = READ("turns_differ", "gyro", ratio=slope, r=abs(turns.correlation), what=what)
         if guesses["gyro"].reason and (guesses["gyro"].reason != "as given"):
             said = "{found} Give them with {option.units:gyro=...,time=...}, or {option.rate:HZ}"
-            problems.append(Message(said, found=found))
+            signals.problems.append(Message(said, found=found))
         else:
-            findings.append(found)
+            signals.findings.append(found)
     elif slope < 0:
-        findings.append(READ("turns_against", "gyro"))
+        signals.findings.append(READ("turns_against", "gyro"))
 
 
 def _numbers(table: Table, index: int, kinds: str = "iufb") -> np.ndarray:

@@ -15,7 +15,7 @@ from ..._errors import DataError
 from .._findings import READ
 from .._table import Signals
 from ._bounds import BLOCK
-from ._streams import Part, first_of, gather, imus_of, join, lacks, named
+from ._streams import Part, choose, gather, imus_of, join, lacks
 
 _HEAD = b"\xa3\x95"
 _FMT, _FMT_LENGTH = 128, 89
@@ -28,6 +28,8 @@ _HUNDREDTHS = "cCeE"
 #: (sensor, prefix of its fields, unit); group of records -> its sensors
 _GYRO, _ACCEL, _MAG = ("gyro", "Gyr", "rad/s"), ("accel", "Acc", "m/s^2"), ("mag", "Mag", "mG")
 _GROUPS = {"IMU": (_GYRO, _ACCEL), "GYR": (_GYRO,), "ACC": (_ACCEL,), "MAG": (_MAG,)}
+#: groups of records, unfiltered readings first
+_PREFERRED = ((("ISB-ACC", "ISB-GYR"), ("ACC", "GYR"), ("IMU",)), (("MAG",),))
 _OLD = re.compile(r"(IMU|GYR|ACC|MAG)([1-9])")
 #: clock of a record, newest first -> ns in one tick
 _CLOCKS = {"TimeUS": 1000, "TimeMS": 1_000_000}
@@ -85,7 +87,7 @@ def read_ardupilot(path: pathlib.Path, topics: list[str] | None, units: dict[str
         signals.findings.append(READ("damaged", what=f"{log.skipped} bytes belong to no record and are left out"))
     present = "; ".join(f"{label} ({len(rows)} {'batches' if label.startswith('ISB') else 'records'})" for label, rows in streams.items())
     signals.sources = present.split("; ")
-    chosen = _choose({label: len(rows) for label, rows in streams.items()}, topics, present, signals)
+    chosen = choose({label: len(rows) for label, rows in streams.items()}, topics, present, _PREFERRED, signals.findings)
     signals.imus = imus_of(list(streams), chosen if topics is None else [])
     parts: list[Part] = []
     for label in chosen:
@@ -123,20 +125,6 @@ def _streams(log: DataFlash) -> dict[str, np.ndarray]:
             own = heads[heads["type"] == kind]
             found |= {f"{group}:{i}": own[own["instance"] == i] for i in np.unique(own["instance"]).tolist()}
     return dict(sorted(found.items()))
-
-
-def _choose(samples: dict[str, int], topics: list[str] | None, present: str, signals: Signals) -> list[str]:
-    labels = list(samples)
-    if topics is not None:
-        return list(dict.fromkeys(named(labels, wanted, present) for wanted in topics))
-    groups = {label.partition(":")[0] for label in labels}
-    batches = sorted(group for group in groups if group.startswith("ISB"))
-    rates = sorted(groups & {"ACC", "GYR"})
-    chosen = [*(batches or rates or sorted(groups & {"IMU"})), *sorted(groups & {"MAG"})]
-    if groups - set(chosen):
-        signals.findings.append(READ("topics", chosen=", ".join(chosen), others=", ".join(sorted(groups - set(chosen)))))
-    of = {group: [label for label in labels if label.partition(":")[0] == group] for group in chosen}
-    return [label for group in chosen for label in first_of(of[group], samples, signals.findings)]
 
 
 def _records(log: DataFlash, label: str, rows: np.ndarray, signals: Signals) -> list[Part]:

@@ -121,12 +121,11 @@ def _flat(node: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
     for name, value in node.items():
         if isinstance(value, dict):
             yield from _flat(value, f"{before}{name}_")
-        elif isinstance(value, str):
-            with contextlib.suppress(ValueError, OverflowError):
+            continue
+        with contextlib.suppress(ValueError, OverflowError):
+            if isinstance(value, str):
                 value = datetime.datetime.fromisoformat(value).timestamp() if ":" in value else float(value)
-            yield before + name, value
-        else:
-            yield before + name, value
+        yield before + name, value
 
 
 def _columns(records: list[dict[str, Any]]) -> list[tuple[str, Sequence[Any]]]:

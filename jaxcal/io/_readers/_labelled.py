@@ -10,7 +10,8 @@ import re
 from collections.abc import Callable
 
 from ..._errors import DataError
-from .._names import AXES, parse_name
+from .._columns import SENSORS
+from .._names import AXES, parse_name, unit_of
 
 LOOK, SHARE = 60, 0.8
 #: a label with its number; a time at the beginning of a line, in brackets or with the arrow of a serial monitor
@@ -180,7 +181,11 @@ def _names(form: tuple[str, ...]) -> list[str]:
     """Names of the columns: the label before each number, and a unit after it; several numbers after one label are its axes."""
     names: list[str] = ["time"] if form[0] == "\0" else []
     group, place = "", 0
-    for before, after in itertools.pairwise(form[1:]):
+    # a unit between a number and the next label
+    texts = [
+        re.sub(r"^(\S+) (?=\S)", lambda m: f"{m[1]}, " if any(unit_of(m[1], one) for one in SENSORS) else m[0], one) for one in form[1:]
+    ]
+    for before, after in itertools.pairwise(texts):
         label = re.sub(r"^\W+|(?<![^\w\])])[^\w\])]+$", "", re.split(r"[,;|]", before)[-1])
         if parse_name(label) is None and parse_name(last := label.split(" ")[-1]):
             label = last

@@ -9,16 +9,18 @@ from ..._answer import Finding
 from ..._errors import DataError
 from .._findings import READ
 from .._table import Signals
-from ._streams import Part, first_of, imus_of, join, lacks, named
+from ._streams import Part, choose, imus_of, join, lacks
 from ._ulog import Topic, ULog
 
-#: topic -> its sensors
-_RAW = {"sensor_gyro": ("gyro",), "sensor_accel": ("accel",), "sensor_mag": ("mag",)}
-_FIFO = {"sensor_gyro_fifo": ("gyro",), "sensor_accel_fifo": ("accel",)}
-_USED = {"sensor_combined": ("gyro", "accel"), "vehicle_magnetometer": ("mag",)}
-_ALL = _RAW | _FIFO | _USED
-#: topics of magnetometers, raw readings first
+#: topic -> its sensor
+_ALL = {
+    "sensor_gyro": "gyro", "sensor_accel": "accel", "sensor_mag": "mag", "sensor_gyro_fifo": "gyro", "sensor_accel_fifo": "accel",
+    "sensor_combined": "gyro and accel", "vehicle_magnetometer": "mag",
+}  # fmt: skip
+#: topics of magnetometers, and all topics, raw readings first
 COMPASSES = ("sensor_mag", "vehicle_magnetometer")
+_IMUS = (("sensor_gyro", "sensor_accel"), ("sensor_gyro_fifo", "sensor_accel_fifo"), ("sensor_combined",))
+_PREFERRED = (_IMUS, tuple((name,) for name in COMPASSES))
 #: value that PX4 writes if it has no accelerometer sample
 _INVALID = 2147483647
 #: raw topics with a smaller share of the samples of another topic are not used
@@ -39,7 +41,7 @@ def read_px4(path: pathlib.Path, topics: list[str] | None, units: dict[str, str]
     present = "; ".join(f"{label}{_device(log, topic)} ({len(topic.offsets)} rows{_rate(log, topic)})" for label, topic in found.items())
     signals.sources = present.split("; ")
     samples = {label: _samples(log, topic) for label, topic in found.items()}
-    labels = _choose(samples, topics, present, signals)
+    labels = choose(samples, topics, present, _PREFERRED, signals.findings, FEW)
     signals.imus = imus_of(list(found), labels if topics is None else [])
     chosen = [found[label] for label in labels]
     parts = [part for topic in chosen for part in _parts(log, topic, signals)]
@@ -52,34 +54,6 @@ def read_px4(path: pathlib.Path, topics: list[str] | None, units: dict[str, str]
     join(parts, units, signals)
     signals.columns = {"topics": labels}
     return signals
-
-
-def _choose(samples: dict[str, int], topics: list[str] | None, present: str, signals: Signals) -> list[str]:
-    """Choose the topics to read: raw topics first, unless they have far fewer samples than others; `samples` maps label to number."""
-    if topics is not None:
-        return list(dict.fromkeys(named(list(samples), wanted, present) for wanted in topics))
-
-    def most(family: dict[str, tuple[str, ...]], sensor: str) -> int:
-        return max((count for label, count in samples.items() if sensor in family.get(label.partition(":")[0], ())), default=0)
-
-    chosen: list[str] = []
-    for sensors, families in ((("gyro", "accel"), (_RAW, _FIFO, _USED)), (("mag",), (_RAW, _USED))):
-        best = max(most(family, sensor) for family in families for sensor in sensors)
-        family = next((one for one in families if best and max(most(one, sensor) for sensor in sensors) >= FEW * best), {})
-        for name in [name for name, held in family.items() if set(held) & set(sensors) and name not in map(_name, chosen)]:
-            labels = [label for label in samples if _name(label) == name]
-            chosen += first_of(labels, samples, signals.findings)
-    chosen = list(dict.fromkeys(chosen))
-    unread = sorted({_name(label) for label in samples} - {_name(label) for label in chosen})
-    if unread:
-        few = [f"{name} ({most({name: _ALL[name]}, _ALL[name][0])} samples)" for name in unread if name in _RAW | _FIFO]
-        seldom = f"; {', '.join(few)} is logged too seldom" if few and any(_name(label) in _USED for label in chosen) else ""
-        signals.findings.append(READ("topics", chosen=", ".join(chosen), others=", ".join(unread) + seldom))
-    return chosen
-
-
-def _name(label: str) -> str:
-    return label.partition(":")[0]
 
 
 def _samples(log: ULog, topic: Topic) -> int:
@@ -107,7 +81,7 @@ def _parts(log: ULog, topic: Topic, signals: Signals) -> list[Part]:
         return _fifo(log, topic)
     if topic.name == "sensor_combined":
         return _combined(log, topic, signals)
-    name = _ALL[topic.name][0]
+    name = _ALL[topic.name]
     fields = ["magnetometer_ga"] if topic.name == "vehicle_magnetometer" else ["x", "y", "z"]
     rows = _rows(log, topic, [*fields, "timestamp"], ["timestamp_sample", "temperature", "device_id", "clip_counter", "calibration_count"])
     if "device_id" in rows and len(np.unique(rows["device_id"])) > 1:
@@ -166,7 +140,7 @@ def _fifo(log: ULog, topic: Topic) -> list[Part]:
     each = (stamps[:, None] - np.round(back).astype(np.int64))[there]
     counts = np.stack([rows[axis].reshape(len(stamps), -1)[there] for axis in "xyz"], axis=1)
     scale = np.repeat(rows["scale"].astype(np.float64), samples)
-    name = _ALL[topic.name][0]
+    name = _ALL[topic.name]
     if not len(each):
         raise lacks(f"{topic.label} holds no samples")
     return [Part(name, topic.label, each, counts * scale[:, None], _UNITS[name])]

@@ -18,6 +18,7 @@ import numpy as np
 from ..._answer import Finding
 from ..._errors import DataError
 from ..._message import Message
+from ..._units import si_unit
 from .._columns import wrong
 from .._findings import READ
 from .._table import Signals
@@ -28,7 +29,6 @@ from ._streams import Part, SeveralError, join
 _TYPES = {"sensor_msgs/msg/Imu": 37, "sensor_msgs/msg/MagneticField": 12, "sensor_msgs/msg/Temperature": 2}
 #: positions in an Imu message: of the vectors, and of the first element of their covariances, which is -1 without a measurement
 _IMU = {"gyro": (slice(13, 16), 16), "accel": (slice(25, 28), 28)}
-_UNITS = {"gyro": "rad/s", "accel": "m/s^2", "mag": "T", "temperature": "degC"}
 _ODD = "the recording is damaged, or the type is not ROS's own: convert it to CSV"
 
 
@@ -202,7 +202,7 @@ def _parts(streams: list[Stream], units: dict[str, str], signals: Signals) -> li
     parts: list[Part] = []
     for stream in streams:
         for name, values in _sensors(stream, signals).items():
-            parts.append(Part(name, stream.topic, stream.stamps, values, _UNITS[name]))
+            parts.append(Part(name, stream.topic, stream.stamps, values, si_unit(name)))
     if not parts:
         said = f"no measurement in {', '.join(stream.topic for stream in streams)} ({' '.join(map(str, signals.findings))})"
         raise DataError(said, code="no_rows")

@@ -39,26 +39,46 @@ def gather(content: np.ndarray, offsets: np.ndarray, dtype: np.dtype) -> np.ndar
     return out
 
 
-def named(labels: list[str], wanted: str, present: str) -> str:
-    """The single label, such as IMU:0, that `wanted` names in full or without its number; `present` lists all labels for messages."""
-    matching = [label for label in labels if wanted in (label, label.partition(":")[0])]
-    if not matching:
-        raise wrong("topics", f"{wanted} not among {present}")
-    if len(matching) > 1:
-        said = "{wanted} comes from {count} sensors: name those to read, as in {option.topics:{first}}: {present}"
-        raise DataError(Message(said, wanted=wanted, count=len(matching), first=matching[0], present=present), code="several")
-    return matching[0]
+def choose(
+    samples: dict[str, int], topics: list[str] | None, present: str, preferred: Any, findings: list[Finding], few: float = 0.0
+) -> list[str]:
+    """Choose the labels, such as IMU:0, to read: those in `topics`, or the first sensors of the preferred kinds.
+
+    `samples` maps label to number, `present` lists all for messages. `preferred` has families of kinds, the best first, for each group of
+    sensors; a family with less than the share `few` of the samples of another is not used. Topics may be named without their number.
+    """
+    of = {kind: [label for label in samples if _kind(label) == kind] for kind in dict.fromkeys(map(_kind, samples))}
+    chosen: list[str] = []
+    for wanted in topics or ():
+        matching = [wanted] if wanted in samples else of.get(wanted, [])
+        if not matching:
+            raise wrong("topics", f"{wanted} not among {present}")
+        if len(matching) > 1:
+            said = "{wanted} comes from {count} sensors: name those to read, as in {option.topics:{first}}: {present}"
+            raise DataError(Message(said, wanted=wanted, count=len(matching), first=matching[0], present=present), code="several")
+        chosen += matching
+    if topics is not None:
+        return list(dict.fromkeys(chosen))
+    for families in preferred:
+        most = [max((samples[label] for kind in family for label in of.get(kind, ())), default=0) for family in families]
+        family = next((family for family, count in zip(families, most, strict=True) if count and count >= few * max(most)), ())
+        chosen += [label for kind in family if kind in of for label in _first_of(of[kind], samples, findings)]
+    if unread := sorted(of.keys() - set(map(_kind, chosen))):
+        findings.append(READ("topics", chosen=", ".join(chosen), others=", ".join(unread)))
+    return chosen
 
 
-def first_of(labels: list[str], samples: dict[str, int], findings: list[Finding]) -> list[str]:
-    """Of several sensors of one kind, choose the first with at least 80 % of the largest number of samples, and name the others."""
+def _kind(label: str) -> str:
+    return label.partition(":")[0]
+
+
+def _first_of(labels: list[str], samples: dict[str, int], findings: list[Finding]) -> list[str]:
+    """Of several sensors of one kind, the first with at least 80 % of the largest number of samples; the others are named."""
+    first = next(label for label in labels if samples[label] >= 0.8 * max(map(samples.__getitem__, labels)))
     if len(labels) > 1:
-        most = max(samples[label] for label in labels)
-        taken = next(label for label in labels if samples[label] >= 0.8 * most)
-        others = ", ".join(label for label in labels if label != taken)
-        findings.append(READ("several_sensors", chosen=taken, count=len(labels), others=others))
-        return [taken]
-    return labels
+        others = ", ".join(label for label in labels if label != first)
+        findings.append(READ("several_sensors", chosen=first, count=len(labels), others=others))
+    return [first]
 
 
 class SeveralError(DataError):
@@ -76,7 +96,7 @@ def lacks(why: str) -> DataError:
 
 def imus_of(labels: list[str], chosen: list[str]) -> list[str]:
     """The `topics` of each IMU: instance 0 of every chosen kind, then instance 1 of every chosen kind, and so on."""
-    names = list(dict.fromkeys(label.partition(":")[0] for label in chosen))
+    names = list(dict.fromkeys(map(_kind, chosen)))
     numbers = sorted({int(number) for name, _, number in (label.partition(":") for label in labels) if name in names and number.isdigit()})
     return [",".join(one for name in names if (one := f"{name}:{number}") in labels) for number in numbers]
 

@@ -42,6 +42,14 @@ _DATE = re.compile(
 _DAY_ALONE, _CLOCK = re.compile(_DAY), re.compile(rf"\[?{_TIME_OF_DAY}\]?")
 _ANY = re.compile("|".join(f"(?:{form.pattern})" for form in (_NUMBER, _COMMA_NUMBER, _DATE, _DAY_ALONE, _CLOCK)), re.IGNORECASE)
 _WORDS = re.compile(r"(?!nan|null|none|n/a)[A-Za-z][\w #-]*:?$", re.IGNORECASE)
+#: lines of numbers that are not read as such, and what to do with them
+_UNREAD = (
+    (re.compile(r"^[^a-zA-Z]*(?:[,;\s]*-?0x[\da-fA-F]+)+[,;\s]*$"), "; numbers such as 0x1F are hexadecimal: write signed decimal ones"),
+    (
+        re.compile(r"\d [^\d\s,;]+ *[,;\t]"),
+        "; a unit beside each number: remove it, as with `sed 's/\\([0-9]\\) [^,;]*/\\1/g' LOG > log.csv`",
+    ),
+)
 #: kinds of text columns that are converted to time stamps
 STAMPS = ("date", "day", "clock")
 _LOOK = 500
@@ -224,18 +232,14 @@ def sniff(text: str) -> Layout:
             break
     if best is None:
         shown = next((line.strip() for line in lines if line.strip()), "")
-        counts = any(re.fullmatch(r"[^a-zA-Z]*(?:[,;\s]*-?0x[\da-fA-F]+)+[,;\s]*", line.strip()) for line in lines[:100] if len(line) < 500)
-        hexadecimal = "; numbers such as 0x1F are hexadecimal: write them as signed decimal ones" if counts else ""
-        if (
-            sum(re.search(r"\d [^\d\s,;]+ *[,;\t]", line) is not None for line in lines[:100] if len(line) < HEAD >> 8)
-            > len(lines[:100]) / 2
-        ):
-            hexadecimal = "; a unit stands beside each number: remove them, as with `sed 's/\\([0-9]\\) [^,;]*/\\1/g' LOG > log.csv`"
-        raise DataError(f"there are no rows of numbers; the first line is {shown[:80]!r}{hexadecimal}", code="no_rows")
+        short = [line.strip() for line in lines[:100] if len(line) < HEAD >> 9]
+        hint = next((hint for form, hint in _UNREAD if sum(form.search(line) is not None for line in short) > len(short) / 2), "")
+        raise DataError(f"there are no rows of numbers; the first line is {shown[:80]!r}{hint}", code="no_rows")
     delimiter, width, found = best
     numbers = [j for j in range(width) if _kind([row[j].strip() for row in found.values()]) in ("int", "long", "float")]
-    # a line above the rows may have as many fields as they have, such as "Tau: 1.0"
-    while len(found) > 2 and any(_WORDS.match(found[min(found)][j].strip()) for j in numbers):
+    # a line above the rows may have as many fields as they have, such as "Tau: 1.0", or stand alone above other words
+    after = dict(itertools.pairwise(known))
+    while len(found) > 2 and (any(_WORDS.match(found[min(found)][j].strip()) for j in numbers) or after[min(found)] not in found):
         del found[min(found)]
     first, data = min(found), list(found.values())
     stated = ""
@@ -249,20 +253,11 @@ def sniff(text: str) -> Layout:
     marks = [mark for mark in COMMENTS if any(line.startswith(mark) for line in comments)]
     comma = delimiter != " " and any(_COMMA_NUMBER.fullmatch(field.strip()) for row in data for field in row)
     blanks = delimiter == " " and any(line != line.strip() or re.search(r"[ \t]{2,}|\t", line) for line in lines[first:])
-    return Layout(
-        skip=first,
-        delimiter=delimiter,
-        names=(not stated and (_names(head, delimiter, width, trailing) or _uneven(head, delimiter, data, width))) or [""] * width,
-        kinds=[_kind([row[j].strip() for row in data]) for j in range(width)],
-        comma=comma,
-        comment=marks[0] if marks else "#",
-        trailing=trailing,
-        padded=ended
-        or blanks
-        or (comma and delimiter == ",")
-        or (delimiter != " " and any(field != field.rstrip() for row in data for field in row[-1:])),
-        preamble="\n".join(lines[:first])[:20_000] + stated,
-    )
+    padded = ended or blanks or (comma and delimiter == ",") or (delimiter != " " and any(row[-1] != row[-1].rstrip() for row in data))
+    names = (not stated and (_names(head, delimiter, width, trailing) or _uneven(head, delimiter, data, width))) or [""] * width
+    kinds = [_kind([row[j].strip() for row in data]) for j in range(width)]
+    preamble = "\n".join(lines[:first])[:20_000] + stated
+    return Layout(first, delimiter, names, kinds, comma, marks[0] if marks else "#", trailing, padded, preamble)
 
 
 def _refuse_wide(lines: list[str]) -> None:
