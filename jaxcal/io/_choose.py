@@ -268,7 +268,8 @@ def _joint(triples: list[Triple], table: Any) -> tuple[str, ...]:
         values = [np.column_stack([table.columns[i] for i in one.columns]) for one in triples]
         whole = " of whole numbers, which look like raw counts," if all(map(all_integer, values)) else ""
         why = f"the values of {len(triples)} times three columns{whole} do not show gravity, a field and rates clearly enough"
-        raise unclear(f"{listing(table.names, len(table.columns))}: {why}", "no_gravity" if len(triples) > 1 else "counts")
+        given = _option({role: one.columns for role, one in zip(best, triples, strict=True)})
+        raise unclear(f"{listing(table.names, len(table.columns))}: {why}", "no_gravity" if len(triples) > 1 else "counts", given)
     return best
 
 

@@ -27,6 +27,8 @@ _LABELLED = re.compile(r"[A-Za-z][^\[(,;|\d]{0,20}[\[(]\s*[-+]?\.?\d")
 #: a field of a message as `rostopic echo` prints it, and fields that tell such messages
 _FIELD = re.compile(r"( *)(\w+): *(\S*)\s*$")
 _MESSAGE = re.compile(r"^ *(?:angular_velocity|linear_acceleration|magnetic_field):", re.MULTILINE)
+#: name, time in ms and value of a signal, as Teleplot takes them
+_PLOT = re.compile(r"^>([\w.]+):(\d+):([-+\d.eE]+)", re.MULTILINE)
 #: the text before the first number of a line
 _WORD = re.compile(r"\s*([^\d\s]\D{0,40}?)[-+]?\.?\d")
 _SENSOR = re.compile(r"imu|gyr|acc|mag", re.IGNORECASE)
@@ -37,8 +39,9 @@ def relabelled(text: str) -> Callable[[str], str] | None:
     """Return a function that converts such text to a table; None for text of another form."""
     lines = [line for line in text.split("\n", LOOK + 1)[: LOOK + 1] if line.strip()][:LOOK]
     lines = [re.sub(r"\s{3,}", "  ", line) for line in lines]  # runs of blanks would take long
-    turn = _turn(lines)
-    if turn:
+    if lines and all(map(_PLOT.match, lines)):
+        return _plotted
+    if turn := _turn(lines):
         return lambda text: _as_table(_joined(text, turn))
     if sum(line.strip() == "---" for line in text.split("\n", 2000)[:2000]) > 1 and _MESSAGE.search(text[:20_000]):
         return _echoed
@@ -112,8 +115,20 @@ def _echoed(text: str) -> str:
                 row[".".join(name for _, name in path)] = match[3]
         if row:
             rows.append(row)
+    return _written(rows)
+
+
+def _plotted(text: str) -> str:
+    """A table of signals that are sent one by one, with the same time where they are taken together."""
+    rows: dict[str, dict[str, str]] = {}
+    for name, stamp, value in _PLOT.findall(text):
+        rows.setdefault(stamp, {"time_ms": stamp})[name] = value
+    return _written(list(rows.values()))
+
+
+def _written(rows: list[dict[str, str]]) -> str:
+    """A table of these rows; one that lacks a value, as the last one that may be cut off, is left out."""
     names = list(rows[0]) if rows else []
-    # the last message may be cut off
     return "\n".join([",".join(names), *(",".join(row.get(name, "") for name in names) for row in rows if len(row) == len(names))]) + "\n"
 
 
