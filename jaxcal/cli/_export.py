@@ -10,9 +10,9 @@ from cyclopts import Group, Parameter
 import jaxcal
 
 from .._answer import things_to_know
-from ..export._formats import FORMATS, OPTIONS, checked_options, files_of
+from ..export._formats import FORMATS, OPTIONS, checked_options
 from ._options import WRITING, CallError, Plain, Reading, must_be_calibration, read_log
-from ._outputs import distinct, replaceable, staged
+from ._outputs import replaceable, staged
 from ._screen import Screen, show_written
 
 #: format -> default name of its file
@@ -84,20 +84,17 @@ def _write(calibration: list[Path], to: str, out: Path | None, ids: str | None, 
     if len(calibration) > 1 and not FORMATS[to].many:
         raise CallError(f"--to {to} takes one calibration", "several")
     target = out or Path(FILES[to])
-    targets = files_of(target, to)
     screen = Screen(running.quiet)
-    with staged(distinct([(path, None) for path in targets.values()]), inputs=calibration, force=running.force) as places:
+    with staged([target], inputs=calibration, force=running.force) as places:
         devices = [_with_ids(jaxcal.Calibration.load(path), given, to) for path in calibration] or [jaxcal.Calibration()]
         digest = (devices[0].provenance or {}).get("sha256") if len(devices) == 1 else ""
-        replaceable(targets.values(), digest or "", force=running.force)
+        replaceable([target], digest or "", force=running.force)
         options |= {"earlier": jaxcal.Calibration.load(earlier)} if earlier else {}
         if motion is not None:
             options["motion"] = motion_of(motion, devices[0])
-        place = places[targets[""]] if "" in targets else next(iter(places.values())).with_name(target.name)
-        found = jaxcal.export.write(devices if len(devices) > 1 else devices[0], place, format=to, force=running.force, **options)
-        written = [path for path, there in places.items() if there.exists()]
+        found = jaxcal.export.write(devices if len(devices) > 1 else devices[0], places[target], format=to, force=running.force, **options)
     screen.lines(things_to_know(found, reader="terminal", verbose=True))
-    show_written(screen, written)
+    show_written(screen, [target])
 
 
 def motion_of(path: Path, device: Any) -> Any:

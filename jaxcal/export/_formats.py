@@ -6,7 +6,6 @@ It loads no other module of this package, so that the help of the command line i
 import importlib
 import math
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -15,8 +14,6 @@ from .._message import Message
 from .._units import STANDARD_GRAVITY
 
 SENSORS = {"gyro": "gyroscope", "accel": "accelerometer"}
-#: sensor -> end of the name of its file
-IMU_TK = {"accel": "_acc", "gyro": "_gyro"}
 
 
 def is_positive(value: Any) -> bool:
@@ -118,7 +115,6 @@ FORMATS = {
     "px4": Format("px4.params", "_flight_controllers", _FIELDS, ("instance",), many=True, readable=True),
     "ardupilot": Format("ardupilot.param", "_flight_controllers", _FIELDS, ("instance", "gyro_bias"), many=True, readable=True),
     "ros": Format("calibration.yaml", "_ros", ("noise", *_PARTS), ("motion", "window", "rate")),
-    "imu_tk": Format("imu.calib", "_imu_tk", ("imu",), mark=""),
     "motioncal": Format("motioncal.bin", "_motioncal", ("magnetometer",), mark="", readable=True),
     "fusion": Format("fusion.c", "_compass", ("magnetometer",), mark="//", counts=True),
     "magneto": Format("magneto.c", "_compass", ("magnetometer",), mark="//", counts=True),
@@ -149,13 +145,3 @@ def check_option(key: str, value: Any, error: type[JaxcalError]) -> None:
     if not (value in right if isinstance(right, tuple) else right(value)):
         expected = " or ".join(right) if isinstance(right, tuple) else OPTIONS[key].expected
         raise error(Message(f"{{option.{key}:{{value}}}}: expected {{expected}}", value=str(value), expected=expected), code="option")
-
-
-def files_of(path: Path, name: str) -> dict[str, Path]:
-    """Suffix of the name -> file, for all files that a format may write at `path`; for most formats {"": path}."""
-    if name != "imu_tk":
-        return {"": path}
-    stem = path.stem if path.suffix == ".calib" else path.name
-    for suffix in IMU_TK.values():
-        stem = stem.removesuffix(suffix)
-    return {suffix: path.with_name(f"{stem}{suffix}.calib") for suffix in IMU_TK.values()}

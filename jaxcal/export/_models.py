@@ -109,10 +109,10 @@ def unknown_field(calibration: Calibration, found: list[Finding]) -> None:
         found.append(FINDINGS("scale_unknown", "mag"))
 
 
-def dropped_of_gyro(calibration: Calibration, *, matrix: bool = True) -> list[Finding]:
-    """Findings on the gyroscope parameters that are lost if only its bias is written, or also its `matrix`."""
+def dropped_of_gyro(calibration: Calibration) -> list[Finding]:
+    """Findings on the gyroscope parameters that are lost if only its bias is written."""
     gyro, said = triads(calibration).get("gyro"), []
-    if gyro is not None and matrix and (lost := np.linalg.norm(correction(gyro.matrix) - np.eye(3), 2)) > 0:
+    if gyro is not None and (lost := np.linalg.norm(correction(gyro.matrix) - np.eye(3), 2)) > 0:
         said.append(FINDINGS("matrix_left_out", "gyro", what="scale factors and misalignment", lost=lost))
     if gyro is not None and (lost := np.linalg.norm(gyro.g_sensitivity, 2) * STANDARD_GRAVITY) > 0:
         said.append(FINDINGS("g_sensitivity_left_out", "gyro", lost=lost))

@@ -18,7 +18,7 @@ UNITS = {
 
 
 class Product(NamedTuple):
-    """Result of a writer: the text (or bytes, or a dictionary file suffix -> text), findings, and facts for the comments."""
+    """Result of a writer: the text or bytes, findings, and facts for the comments."""
 
     content: Any
     findings: list[Finding]

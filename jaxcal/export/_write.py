@@ -14,7 +14,7 @@ from ..calibration import Calibration
 from ..calibration._parts import COUNTS
 from ..imu import ThermalTriad
 from ._findings import FINDINGS
-from ._formats import FORMATS, Format, checked_options, files_of
+from ._formats import FORMATS, Format, checked_options
 from ._options import comment
 
 
@@ -29,14 +29,14 @@ def write(
     Parameters
     ----------
     calibration : the `Calibration` to write; for "px4" and "ardupilot" also a list of them, one for each instance of the sensors.
-    path : file to write, in one step. "imu_tk" writes two files: NAME_acc.calib and NAME_gyro.calib.
+    path : file to write, in one step.
     format : "kalibr" (`imu.yaml`), "openvins" (`kalibr_imu_chain.yaml`, with its matrices), "vins" (lines for VINS-Mono and
-        VINS-Fusion), "orbslam3" (lines), "gtsam" (Python), "px4" (`.params`), "ardupilot" (`.param`), "ros" (YAML), "imu_tk"
-        (`.calib`), "motioncal" (68 bytes), "c" (C99 header), "csv" (one row per number). Most formats state the units beside the numbers
-        or in comments.
+        VINS-Fusion), "orbslam3" (lines), "gtsam" (Python), "px4" (`.params`), "ardupilot" (`.param`), "ros" (YAML), "motioncal"
+        (68 bytes), "fusion" and "magneto" (lines of C), "inav" and "betaflight" (lines), "c" (C99 header), "csv" (one row per number). Most
+        formats state the units beside the numbers or in comments.
     force : True also replaces a file that jaxcal did not write, or wrote for another log, and writes a calibration whose verdict is "weak"
         or "refused".
-    provenance : whether to begin with comments on origin, units and omissions. imu_tk, motioncal and csv have no comments.
+    provenance : whether to begin with comments on origin, units and omissions. motioncal and csv have no comments.
     options : those of the format:
 
         - kalibr, openvins, vins, orbslam3: `axis` ("worst" of the three axes, or "rms", their root mean square; a comment lists all three),
@@ -79,29 +79,23 @@ def write(
     """
     chosen = checked_options(format, options)
     devices = _devices(calibration, FORMATS[format], format)
-    contents, found = rendered(devices, format, chosen, force=force, provenance=provenance)
-    files = files_of(pathlib.Path(path), format)
+    content, found = rendered(devices, format, chosen, force=force, provenance=provenance)
     digest = (devices[0].provenance or {}).get("sha256", "") if len(devices) == 1 else ""
-    for suffix, content in contents.items():
-        check_replaceable(files[suffix], digest, force=force or _holds(files[suffix], content))
-    for suffix, content in contents.items():
-        write_atomically(files[suffix], content)
+    check_replaceable(path, digest, force=force or _holds(pathlib.Path(path), content))
+    write_atomically(path, content)
     return found
 
 
-def rendered(
-    devices: Sequence[Calibration], format: str, chosen: Any, *, force: bool, provenance: bool
-) -> tuple[dict[str, Any], tuple[Finding, ...]]:
-    """Contents by the suffix of their file's name, and what the format omits."""
+def rendered(devices: Sequence[Calibration], format: str, chosen: Any, *, force: bool, provenance: bool) -> tuple[Any, tuple[Finding, ...]]:
+    """Content of the file, and what the format omits."""
     kind = FORMATS[format]
     found = [one for device in devices for one in (*_doubts(device, kind, force), *_left_out(device, kind, format))]
     made = kind.function(f"write_{format}")(devices if kind.many else devices[0], chosen)
     found = tuple(dict.fromkeys([*found, *made.findings]))
-    contents = made.content if isinstance(made.content, dict) else {"": made.content}
-    if provenance and kind.mark:
-        lines = [comment(line, kind.mark) + "\n" for line in (*_origin(devices, format), *made.facts, *map(str, found))]
-        contents = {suffix: "".join((kind.head, *lines, text.removeprefix(kind.head))) for suffix, text in contents.items()}
-    return contents, found
+    if not (provenance and kind.mark):
+        return made.content, found
+    lines = [comment(line, kind.mark) + "\n" for line in (*_origin(devices, format), *made.facts, *map(str, found))]
+    return "".join((kind.head, *lines, made.content.removeprefix(kind.head))), found
 
 
 def _holds(path: pathlib.Path, content: str | bytes) -> bool:

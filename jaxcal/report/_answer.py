@@ -87,11 +87,11 @@ def _copies(result: Any, part: str | None, log: Any) -> list[Markup]:
     for name, kind in FORMATS.items():
         try:
             device = [Calibration(**{part: result}, provenance=None if log is None else log.provenance)]
-            contents, _ = rendered(device, name, checked_options(name, {}), force=True, provenance=bool(kind.mark))
+            content, _ = rendered(device, name, checked_options(name, {}), force=True, provenance=bool(kind.mark))
         except JaxcalError:  # a calibration needs intervals, and not every tool takes every part of it
             continue
-        texts = [tag("pre", text, tabindex="0") for text in contents.values() if isinstance(text, str)]
-        found += [tag("details", tag("summary", f"{name}: {kind.file}"), *texts)] if texts and part in kind.sections else []
+        if isinstance(content, str) and part in kind.sections:
+            found.append(tag("details", tag("summary", f"{name}: {kind.file}"), tag("pre", content, tabindex="0")))
     return found
 
 

@@ -107,14 +107,6 @@ def test_ardupilot_where_the_reference_is_outside_its_range(golden, tmp_path):
     close(three(p, "INS_ACCOFFS_{}"), expected)
 
 
-def test_imu_tk(golden, right, tmp_path):
-    """imu_tk: T K (raw - B)."""
-    write(golden, tmp_path / "a.calib", format="imu_tk")
-    for name, raw, expected in (("acc", ACCEL, right[35.0][0]), ("gyro", GYRO, [0.29261016, -0.17819445, 0.09545963])):
-        values = np.loadtxt((tmp_path / f"a_{name}.calib").read_text().split())
-        close(values[:9].reshape(3, 3) @ values[9:18].reshape(3, 3) @ (raw - values[18:]), expected)
-
-
 def test_ros2(golden, right, tmp_path):
     write(golden, tmp_path / "a", format="ros")
     p = yaml.safe_load((tmp_path / "a").read_text())["/**"]["ros__parameters"]

@@ -62,9 +62,6 @@ def test_provenance_adds_comments_alone(golden, tmp_path, format, file):
 
 
 def test_golden_files_without_comments(golden, tmp_path):
-    write(golden, tmp_path / "golden.calib", format="imu_tk")
-    for name in ("golden_acc.calib", "golden_gyro.calib"):
-        assert (tmp_path / name).read_bytes() == (GOLDEN / name).read_bytes()
     write(golden, tmp_path / "a.bin", format="motioncal")
     assert (tmp_path / "a.bin").read_bytes() == bytes.fromhex((GOLDEN / "motioncal.hex").read_text())
 
@@ -188,7 +185,7 @@ def test_rate_given_is_no_guess(golden, tmp_path):
 
 
 @pytest.mark.parametrize("verdict", ["weak", "refused"])
-@pytest.mark.parametrize("format", ["px4", "c", "imu_tk", "csv"])
+@pytest.mark.parametrize("format", ["px4", "c", "csv"])
 def test_a_weak_verdict_needs_force(golden, tmp_path, verdict, format, refuses):
     doubtful = Calibration(imu={**DOCUMENT["imu"], "verdict": verdict, "verdict_reason": "three poses"}, device=golden.device)
     with refuses("doubtful", ExportError):
@@ -236,7 +233,7 @@ def test_options_that_mean_nothing(golden, tmp_path, code, format, options, refu
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("format", [*(format for format, _ in CASES), "imu_tk", "motioncal", "fusion", "inav", "csv"])
+@pytest.mark.parametrize("format", [*(format for format, _ in CASES), "motioncal", "fusion", "inav", "csv"])
 def test_nothing_to_write(tmp_path, format):
     with pytest.raises(ExportError) as error:
         write(Calibration(device="a"), tmp_path / "a", format=format)
