@@ -45,7 +45,7 @@ class Answer:
     def __init__(self, folder, capsys, monkeypatch, command, log, options=()):
         kept = []
         end = _work.Done.end
-        monkeypatch.setattr(_work.Done, "end", lambda done, running, findings=(): (kept.append(done), end(done, running, findings))[1])
+        monkeypatch.setattr(_work.Done, "end", lambda done: (kept.append(done), end(done))[1])
         save = _north.save_json  # `north` has steps of its own
         keep = lambda place, found, log: (kept.append(types.SimpleNamespace(found=found, log=log)), save(place, found, log))[1]  # noqa: E731
         monkeypatch.setattr(_north, "save_json", keep)

@@ -42,7 +42,7 @@ _USAGE = {
     "simulate north": "jaxcal simulate north --latitude 39.93 --out table.csv",
     "simulate": 'jaxcal simulate noise --gyro "N=0.25deg/sqrt(h)" --out log.csv', "demo": "jaxcal demo", "cache": "jaxcal cache --clear",
     "imu": "jaxcal imu LOG.csv --latitude 39.93", "device": "jaxcal device LOG.csv --latitude 39.93",
-    "mag": "jaxcal mag LOG.csv --place 39.93 32.86", "rate-table": "jaxcal rate-table LOG.csv --rates 10,50,100",
+    "mag": "jaxcal mag LOG.csv --place 39.93 32.86 --date 2026-05-31", "rate-table": "jaxcal rate-table LOG.csv --rates 10,50,100",
 }  # fmt: skip
 _STDIN = "jaxcal reads files, and not its standard input: save the log first (cat > log.csv), then: jaxcal {} log.csv"
 _LOG_NAME = re.compile(r"\.(csv|tsv|txt|dat|npy|npz|parquet|bag|mcap|db3|mat|h5|hdf5|ulg|bin|log|zip|gz)$", re.IGNORECASE)

@@ -82,7 +82,9 @@ def _application(format: str = "") -> cyclopts.App:
     )  # fmt: skip
     for command in _COMMANDS:
         epilogue = f"Example: {example_of(command.__name__.replace('_', '-'))}"
-        app.command(export_to(format) if command.__name__ == "export" else command, help_epilogue=epilogue)
+        if command.__name__ == "export" and format:
+            command, epilogue = export_to(format), epilogue.replace("kalibr", format)
+        app.command(command, help_epilogue=epilogue)
     simulate = cyclopts.App(name="simulate", help="Logs of simulated devices, whose truth is known.", help_format="plaintext")
     for command in _SIMULATE:
         kind = command.__name__.removeprefix("simulate_")

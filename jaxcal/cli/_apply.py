@@ -10,7 +10,7 @@ import jaxcal
 
 from .._answer import things_to_know
 from ._advice import kind_of
-from ._options import CallError, Plain, Reading, log_file, must_be_calibration, read_log
+from ._options import CallError, Part, Plain, log_file, must_be_calibration, read_log
 from ._outputs import staged
 from ._readings import column_of
 from ._screen import Screen, progress, show_written
@@ -30,7 +30,7 @@ def apply(
     currents: Annotated[
         str | None, Parameter(help="Columns of the currents whose fields the calibration has, by the names that jaxcal mag got: I1,I2.")
     ] = None,
-    reading: Reading = Reading(),
+    reading: Part = Part(),
     running: Plain = Plain(),
 ) -> None:
     """Correct a log with a calibration: temperature first, then bias, scale factor, misalignment, iron."""
@@ -61,7 +61,7 @@ def convert(
     out: Annotated[Path, Parameter(help="File to write: FILE.npz or FILE.parquet.")],
     /,
     *,
-    reading: Reading = Reading(),
+    reading: Part = Part(),
     running: Plain = Plain(),
 ) -> None:
     """Write a log as .npz or Parquet in SI units, so that it can be read quickly and without inference."""
@@ -80,7 +80,7 @@ def convert(
 
 
 def _rewrite(
-    inputs: list[Path], out: Path, doing: str, write: Callable[[Any, Path], Any], reading: Reading, running: Plain, command: str
+    inputs: list[Path], out: Path, doing: str, write: Callable[[Any, Path], Any], reading: Part, running: Plain, command: str
 ) -> None:
     """Read the first of `inputs`, rewrite it, and print a summary."""
     screen = Screen(running.quiet)

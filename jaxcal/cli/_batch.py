@@ -14,7 +14,7 @@ import jaxcal
 
 from .._answer._text import aligned, bullets, titled
 from ._cache import keep_compiled
-from ._options import RUNNING, CallError, Config, Quiet, Reading, checked
+from ._options import RUNNING, CallError, Config, Part, Quiet, checked
 from ._screen import Screen, progress, show_written
 
 Task = Literal["noise", "mag", "imu", "temperature", "allan"]
@@ -59,7 +59,7 @@ def batch(
         tuple[str, ...] | None,
         Parameter(name="--set", help="Option of the task, NAME=VALUE, as terms=QNBKR, gravity=9.8123 or kind=mdev. Repeatable."),
     ] = None,
-    reading: Reading = Reading(),
+    reading: Part = Part(),
     running: FleetRunning = FleetRunning(),
 ) -> None:
     """Run one task on many logs in parallel; after an interruption, rerun to resume.

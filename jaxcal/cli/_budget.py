@@ -2,7 +2,6 @@
 
 import math
 import textwrap
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -23,16 +22,6 @@ _FILTERS = Literal[tuple(name for name, one in FORMATS.items() if "random_walk" 
 _WALK = 100.0  # s, means of the flicker over which a random walk drifts as much: the time in which a filter learns a bias
 
 
-@Parameter(name="*", group=opt.WRITING)
-@dataclass(frozen=True, kw_only=True)
-class BudgetWriting:
-    """Where results go. By default all go into the folder FILE-budget."""
-
-    out: opt.Out = None
-    json: opt.Json = None
-    report: opt.Report = None
-
-
 def budget(
     source: Annotated[Path, Parameter(help="Calibration as JSON, or a log of the sensor at rest, whose noise is fitted first.")],
     /,
@@ -47,7 +36,7 @@ def budget(
     error: tuple[str, ...] = (),
     require: str | None = None,
     reading: opt.Reading = opt.Reading(),
-    writing: BudgetWriting = BudgetWriting(),
+    writing: opt.Folder = opt.Folder(),
     running: opt.Running = opt.Running(),
 ) -> None:
     """Attitude, heading, velocity and position errors over time, by cause.
@@ -94,8 +83,7 @@ def budget(
     # how the log was read asks for no action: it stands in the report
     read = [one for one in (() if log is None else log.findings) if running.verbose or one.severity > NOTE]
     told = [*read, *found.findings]
-    how: dict[str, Any] = {"reader": "terminal", "wanted": running.unit, "verbose": running.verbose}
-    screen.lines(tables(found.verdict, found.headline, found.sections(), told, **how))
+    screen.lines(tables(found.verdict, found.headline, found.sections(), told, **running.how))
     for name, value in limit.items():
         inside = math.radians(value) if GROUPS[name][1] == "angle" else value
         factors = jaxcal.budget.requirement(found, after=float(found.time[-1]), **{name: inside})
@@ -107,7 +95,7 @@ def budget(
         )
         said = f"{require} after {found.time[-1]:g} s is reached by one of these, as a multiple of what it is now: {', '.join(words)}"
         screen.lines(["", *textwrap.wrap(said, 80)])
-    screen.lines(things_to_know(told, more="-v", **how))
+    screen.lines(things_to_know(told, more="-v", **running.how))
     show_written(screen, list(targets))
 
 

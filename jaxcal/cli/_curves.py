@@ -11,8 +11,8 @@ import jaxcal
 
 from .._answer import Finding, joined
 from .._files import write_atomically
-from ._options import CallError, Files, Level, Log, Reading, Running, read_clock, stem
-from ._outputs import File, Outputs, figure, outputs, save_json, save_report
+from ._options import CallError, Level, Log, Pictured, Reading, Running, read_clock, stem
+from ._outputs import Outputs, standard
 from ._work import carry_out
 
 Kind = Literal[
@@ -22,7 +22,7 @@ _GRIDS = ("log", "octave", "decade", "all")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Writing(Files):
+class Writing(Pictured):
     """Files with the curves."""
 
     export: Annotated[tuple[str, ...] | None, Parameter(name="--export", help="The curves as a table: csv, or csv=FILE.")] = None
@@ -74,8 +74,7 @@ def allan(
 
     plan = _outputs(log, writing, "allan", ("tau", "m", "deviation", "lower", "upper", "edf"), "tau_s")
     read = partial(read_clock, log, reading, nominal) if clock else None
-    done = carry_out(log, reading, running, plan, compute, doing="computing", read=read, command="jaxcal allan", options=options)
-    done.end(running)
+    carry_out(log, reading, running, plan, compute, doing="computing", read=read, command="allan", options=options).end()
 
 
 def psd(
@@ -133,7 +132,7 @@ def psd(
         return jaxcal.spectrum.Spectra(found, refused)
 
     plan = _outputs(log, writing, "psd", ("frequency", "count", "density", "lower", "upper", "edf"), "frequency_hz")
-    carry_out(log, reading, running, plan, compute, doing="computing", command="jaxcal psd", options=options).end(running)
+    carry_out(log, reading, running, plan, compute, doing="computing", command="psd", options=options).end()
 
 
 def _from_the_start(finding: Finding, recording: Any) -> Finding:
@@ -153,11 +152,9 @@ def _sizes(text: str) -> Any:
 
 
 def _outputs(log: Path, writing: Writing, what: str, names: tuple[str, ...], abscissa: str) -> Outputs:
-    """Output files: JSON, a table with the arrays `names` of every channel, a picture, and a report."""
-    picture = figure(lambda plot, found, _: (plot.allan if what == "allan" else plot.spectrum)(found))
-    files: list[File] = [("json", "", save_json), ("plot", "", picture), ("report", "", save_report)]
-    header = ("channel", "unit", abscissa, *names[1:])
-    return outputs(writing, files, formats={"csv": f"{stem(log)}-{what}.csv"}, export=partial(_csv, header=header, names=names))
+    """Output files: those of every result, and a table with the arrays `names` of every channel."""
+    table = partial(_csv, header=("channel", "unit", abscissa, *names[1:]), names=names)
+    return standard(writing, what, log, formats={"csv": f"{stem(log)}-{what}.csv"}, export=table)
 
 
 def _csv(place: Path, found: Any, log: Any, format: str, *, header: tuple[str, ...], names: tuple[str, ...]) -> None:

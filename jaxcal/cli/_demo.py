@@ -42,5 +42,5 @@ def demo(*, out: Path = Path("jaxcal-demo"), seed: Seed = 0, running: Running = 
                 missed.append(f"{term} of {channel.replace('_', ' ')}")
     outside = f"; those of {', '.join(missed)} do not" if missed else ""
     done.screen.lines(["", f"{total - len(missed)} of {total} intervals of 95 % hold the truth{outside}."])
-    done.end(running)
+    done.end()
     screen.line("Now your own log, of a sensor at rest for an hour or more: jaxcal noise LOG")

@@ -1,7 +1,6 @@
 """`jaxcal device`: calibrate accelerometer, gyroscope and magnetometer together from one log of motion by hand."""
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,19 +9,8 @@ from cyclopts import Parameter
 import jaxcal
 
 from . import _options as opt
-from ._outputs import File, outputs, save_json, save_report
+from ._outputs import standard
 from ._work import carry_out
-
-
-@Parameter(name="*", group=opt.WRITING)
-@dataclass(frozen=True, kw_only=True)
-class DeviceWriting:
-    """Where results go. By default all go into the folder LOG-device."""
-
-    out: opt.Out = None
-    json: opt.Json = None
-    report: opt.Report = None
-    calibration: opt.CalibrationFile = None
 
 
 def device(
@@ -38,7 +26,7 @@ def device(
     g_sensitivity: Annotated[bool, Parameter(help="Fit the gyroscope's sensitivity to acceleration.")] = False,
     lever: Annotated[bool, Parameter(help="Fit the positions of the accelerometer's sensing elements.")] = False,
     reading: opt.Reading = opt.Reading(),
-    writing: DeviceWriting = DeviceWriting(),
+    writing: opt.Calibrated = opt.Calibrated(),
     running: opt.Running = opt.Running(),
 ) -> None:
     """Calibrate accelerometer, gyroscope and magnetometer together.
@@ -56,10 +44,7 @@ def device(
         parts |= {"magnetometer": found} if "magnetometer" in usable else {}
         jaxcal.Calibration(**parts, device=name, provenance=data.provenance).save(place)
 
-    files: list[File] = [
-        ("report", "report.html", save_report), ("json", "device.json", save_json), ("calibration", "calibration.json", calibration),
-    ]  # fmt: skip
-    plan = outputs(writing, files, opt.folder(log, "device"))
+    plan = standard(writing, "device", log, ("calibration", "calibration.json", calibration))
 
     def compute(data: Any, _: Any) -> Any:
         if data.accel is None or data.gyro is None or data.mag is None:
@@ -74,4 +59,4 @@ def device(
             latitude=None if latitude is None else math.radians(latitude), noise=known,
         )  # fmt: skip
 
-    carry_out(log, reading, running, plan, compute, command="jaxcal device", options=options).end(running)
+    carry_out(log, reading, running, plan, compute, command="device", options=options).end()

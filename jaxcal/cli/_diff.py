@@ -1,7 +1,7 @@
 """`jaxcal diff`: changes between two calibrations, and their significance."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from cyclopts import Parameter
 
@@ -43,8 +43,6 @@ def diff(
             raise jaxcal.DataError(f"{first} and {second} have no part in common that could be compared", code="nothing_shared")
         if json is not None:
             found.save(places[json])
-    how: dict[str, Any] = {"reader": "terminal", "wanted": running.unit, "verbose": running.verbose}
-    screen.lines(tables("", found.headline, found.sections(), (), **how))
-    screen.lines(things_to_know(found.findings, more="-v", **how))
-    if json is not None:
-        show_written(screen, [json])
+    screen.lines(tables("", found.headline, found.sections(), (), **running.how))
+    screen.lines(things_to_know(found.findings, more="-v", **running.how))
+    show_written(screen, [json] if json else [])

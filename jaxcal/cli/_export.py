@@ -18,7 +18,7 @@ from ._screen import Screen, show_written
 #: format -> default name of its file
 FILES = {name: one.file for name, one in FORMATS.items()}
 #: format -> its sensors that have ids
-_IDS = {"px4": ("accel", "gyro", "mag"), "ardupilot": ("accel", "compass")}
+IDS = {"px4": ("accel", "gyro", "mag"), "ardupilot": ("accel", "compass")}
 #: options that are files
 _FILES = {"motion": "--for", "earlier": "--earlier"}
 _CALIBRATION = Annotated[
@@ -43,8 +43,8 @@ def export_to(format: str) -> Callable[..., None]:
 
     group = Group(f"Of {format}", sort_key=5)
     own = {name: _annotation(name, group) for name in (FORMATS[format].options if format else ())}
-    if format in _IDS:
-        pairs = ",".join(f"{sensor}=NUMBER" for sensor in _IDS[format])
+    if format in IDS:
+        pairs = ",".join(f"{sensor}=NUMBER" for sensor in IDS[format])
         own["ids"] = Annotated[str | None, Parameter(group=group, help=f"Ids by which the vehicle finds its sensors: {pairs}.")]
     types = {"to": _TO, "out": _OUT, **own, "running": Plain}
     defaults = {"to": inspect.Parameter.empty, "running": Plain(), **{name: False for name in own if own[name].__origin__ is bool}}
@@ -72,7 +72,7 @@ def _write(calibration: list[Path], to: str, out: Path | None, ids: str | None, 
     must_be_calibration(*calibration, *([options["earlier"]] if options.get("earlier") else []))
     if not calibration and not options.get("solver"):
         raise CallError("export needs a calibration, as other commands write it, or --solver", "no_calibration")
-    given = ids_of(ids, _IDS.get(to, ()))
+    given = ids_of(ids, IDS.get(to, ()))
     options = {name: value for name, value in options.items() if value is not None and value is not False}
     if "random_walk" in options:
         options["random_walk"] = _walk(options["random_walk"])

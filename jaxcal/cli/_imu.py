@@ -14,7 +14,7 @@ import jaxcal
 
 from . import _options as opt
 from ._export import FILES
-from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report
+from ._outputs import standard
 from ._work import carry_out
 
 #: format of --export -> default name of the file
@@ -22,10 +22,10 @@ _EXPORTS = {name: FILES[name] for name in ("c", "csv")}
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImuWriting(opt.Folder):
+class ImuWriting(opt.Calibrated):
     """Where results go. By default all go into the folder LOG-imu."""
 
-    calibration: opt.CalibrationFile = None
+    plot: opt.Plot = None
     export: Annotated[tuple[str, ...] | None, opt.exported(*_EXPORTS)] = None
 
 
@@ -70,11 +70,7 @@ def imu(
         raise opt.CallError("--earth-rate needs --latitude")
     if counts:
         reading = opt.in_counts(reading, "accel", "gyro")
-    files: list[File] = [
-        ("plot", "", figure(lambda plot, found, _: plot.imu(found))), ("report", "report.html", save_report),
-        ("json", "imu.json", save_json), ("calibration", "calibration.json", partial(save_calibration, part="imu", device=name)),
-    ]  # fmt: skip
-    plan = outputs(writing, files, opt.folder(log, "imu"), formats=_EXPORTS, export=partial(save_export, part="imu", device=name))
+    plan = standard(writing, "imu", log, part="imu", device=name, formats=_EXPORTS)
     opt.must_exist(regions, prior)
     asked = tuple(word for word in terms.replace(" ", "").split(",") if word)
     known = ({} if noise is None else {"noise": opt.read_noise(noise)}) | ({} if prior is None else {"prior": _prior(prior)})
@@ -102,7 +98,7 @@ def imu(
 
     apart: list[Any] = []  # the logs of a folder with one face each
     read = partial(_read_faces, log, reading, apart) if method == "six_position" and regions is None else None
-    carry_out(log, reading, running, plan, compute, read=read, command="jaxcal imu", options=options).end(running)
+    carry_out(log, reading, running, plan, compute, read=read, command="imu", options=options).end()
 
 
 def _read_faces(path: Path, reading: opt.Reading, apart: list[Any]) -> Any:

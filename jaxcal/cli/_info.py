@@ -1,7 +1,6 @@
 """`jaxcal info`: show what is in a log, and how jaxcal reads it."""
 
 import shlex
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -10,21 +9,20 @@ from cyclopts import Parameter
 import jaxcal
 
 from .._files import json_text, write_atomically
-from ._options import WRITING, Log, Plain, Reading, must_be_log, reading_options
+from ._options import WRITING, Log, Plain, Source, must_be_log, reading_options
 from ._outputs import staged
 from ._readings import holds_positions
 from ._screen import Screen, progress, show_written
 
 
-@Parameter(name="*", group=WRITING)
-@dataclass(frozen=True, kw_only=True)
-class InfoFiles:
-    """Where the result goes."""
-
-    json: Annotated[Path | None, Parameter(help="All of it as JSON.")] = None
-
-
-def info(log: Log, /, *, files: InfoFiles = InfoFiles(), reading: Reading = Reading(), running: Plain = Plain()) -> None:
+def info(
+    log: Log,
+    /,
+    *,
+    json: Annotated[Path | None, Parameter(group=WRITING, help="All of it as JSON.")] = None,
+    reading: Source = Source(),
+    running: Plain = Plain(),
+) -> None:
     """Show what is in a log, how it is read and why, and which commands suit it.
 
     Every choice is shown with the options that change it. Try these options
@@ -33,7 +31,7 @@ def info(log: Log, /, *, files: InfoFiles = InfoFiles(), reading: Reading = Read
     """
     must_be_log(log, "info")
     screen = Screen(running.quiet)
-    targets = [files.json] if files.json else []
+    targets = [json] if json else []
     if not log.is_dir() and holds_positions(log, sure=True):
         screen.line(f"{log.name}: a table of readings on a turntable, one row for each position")
         screen.lines(["Commands that suit, the best first", f"  jaxcal north {shlex.quote(str(log))}"])
@@ -41,8 +39,8 @@ def info(log: Log, /, *, files: InfoFiles = InfoFiles(), reading: Reading = Read
     with staged(targets, inputs=[log], force=running.force) as places:
         with progress(f"reading {log.name}", running.quiet):
             found = jaxcal.io.inspect(log, **reading_options(reading))
-        if files.json:
-            write_atomically(places[files.json], json_text(found.to_dict()))
+        if json:
+            write_atomically(places[json], json_text(found.to_dict()))
     screen.lines(found.summary("terminal", 80).splitlines())
     show_written(screen, targets)
     if found.error is not None:

@@ -19,7 +19,7 @@ from ._apply import save_sensors
 from ._cache import keep_compiled
 from ._export import FILES
 from ._flown import each, flown, of_place
-from ._outputs import FINDINGS, File, figure, outputs, save_calibration, save_export, save_json, save_report
+from ._outputs import FINDINGS, standard
 from ._screen import Screen
 from ._shots import NO_TIMES, Shots, ready, shots
 from ._work import carry_out
@@ -33,10 +33,10 @@ _PARAMETERS = ("ardupilot", "px4", "motioncal")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Writing(opt.Folder):
+class Writing(opt.Calibrated):
     """Where results go. By default all except the corrected log go into the folder LOG-mag."""
 
-    calibration: opt.CalibrationFile = None
+    plot: opt.Plot = None
     corrected: Annotated[Path | None, opt.log_file("--corrected", "Corrected log: FILE.csv or FILE.npz.")] = None
     export: Annotated[tuple[str, ...] | None, opt.exported(*_EXPORTS)] = None
 
@@ -85,11 +85,10 @@ def mag(
     against: Annotated[
         Path | None, Parameter(help="What the device has now, as JSON or parameters of ArduPilot or PX4: by how much headings would turn.")
     ] = None,
-    next: Annotated[
-        bool, Parameter(help="Only say which attitude to take next, or to stop; nothing is written. --limit sets the heading error.")
-    ] = False,
+    next: Annotated[bool, Parameter(help="Only say which attitude to take next, or to stop; nothing is written.")] = False,
     limit: Annotated[
-        float, opt.checked("--limit", lambda limit: 0 < limit < 90, "degrees above 0", "Heading error in degrees for --next to say stop.")
+        float,
+        opt.checked("--limit", lambda limit: 0 < limit < 90, "degrees above 0", "Heading error in degrees at which to stop."),
     ] = 1.0,
     live: Annotated[
         str | None,
@@ -150,16 +149,13 @@ def mag(
             found = _fit(recording, align, chosen, given, flight, math.radians(heading_error))
             return found if present is None or found.model is None else _compared(against, present, found)
 
-        files: list[File] = [
-            ("plot", "", figure(_sphere)), ("report", "report.html", save_report), ("json", "mag.json", save_json),
-            ("calibration", "calibration.json", partial(save_calibration, part="magnetometer", device=device)),
-            ("corrected", "", partial(_corrected, fields)),
-        ]  # fmt: skip
-        default = "" if writing.corrected else default
-        plan = outputs(writing, files, default, formats=_EXPORTS, export=partial(save_export, part="magnetometer", device=device))
+        plan = standard(
+            writing, "mag", log, ("corrected", "", partial(_corrected, fields)), part="magnetometer", device=device,
+            default="" if writing.corrected else default, formats=_EXPORTS, readings=_readings,
+        )  # fmt: skip
         reading, said = ready(log, reading, align == "gyro")
         change = partial(_noted, [*said, *notes], "" if flight is None else ", ".join(reading.topics or ()))
-        carry_out(log, reading, running, plan, compute, change=change, command="jaxcal mag", options=options).end(running)
+        carry_out(log, reading, running, plan, compute, change=change, command="mag", options=options).end()
 
     each(one, flight, reading, writing, opt.folder(log, "mag"))
 
@@ -175,19 +171,17 @@ def _noted(said: list[str], compass: str, log: Any) -> Any:
 
 def _advise(path: Path, reading: opt.Reading, running: opt.Running, limit: float, inclination: float | None) -> None:
     """Print the next attitude to take."""
-    import numpy as np
-
     reading, _ = ready(path, reading, False)
     log = opt.read_log(path, reading, "mag")
     if log.mag is None or log.mag.shape[1] != 3:
         raise jaxcal.DataError(_NO_MAG, code="no_mag")
     keep_compiled()
     dip = None if inclination is None else math.radians(inclination)
-    found = jaxcal.magnetometer.guide(log.mag[np.isfinite(log.mag).all(axis=1)], limit=math.radians(limit), inclination=dip)
+    found = jaxcal.magnetometer.guide(_readings(None, log), limit=math.radians(limit), inclination=dip)
     screen = Screen(running.quiet)
     screen.line(found.reason)
     if found.fit is not None:
-        screen.lines(things_to_know(found.fit.findings, reader="terminal", wanted=running.unit, verbose=running.verbose))
+        screen.lines(things_to_know(found.fit.findings, **running.how))
 
 
 def _present(path: Path) -> Any:
@@ -291,10 +285,10 @@ def _conditions(temperature: Any) -> dict[str, Any]:
     return {"temperature": np.ravel(temperature)} if np.isfinite(temperature).all() and temperature.size == len(temperature) else {}
 
 
-def _sphere(plot: Any, found: Any, log: Any) -> Any:
+def _readings(found: Any, log: Any) -> Any:
     import numpy as np
 
-    return plot.sphere(log.mag[np.isfinite(log.mag).all(axis=1)], found)[0]
+    return log.mag[np.isfinite(log.mag).all(axis=1)]
 
 
 def _corrected(currents: dict[str, Any], place: Path, found: Any, log: Any) -> None:

@@ -11,8 +11,8 @@ import jaxcal
 
 from ._apply import corrected
 from ._export import FILES
-from ._options import CallError, Folder, Level, Log, Reading, Running, exported, folder, must_be_calibration, must_exist, read_log
-from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report, tried
+from ._options import CallError, Folder, Level, Log, Plot, Reading, Running, exported, must_be_calibration, must_exist, read_log
+from ._outputs import save_calibration, save_export, standard, tried
 from ._screen import Screen
 from ._work import Done, carry_out, check_suited
 
@@ -24,6 +24,7 @@ _EXPORTS = {name: FILES[name] for name in ("kalibr", "openvins", "vins", "orbsla
 class Writing(Folder):
     """Where results go. By default all go into the folder LOG-noise."""
 
+    plot: Plot = None
     export: Annotated[tuple[str, ...] | None, exported(*_EXPORTS)] = None
 
 
@@ -71,17 +72,13 @@ def noise(
     must_exist(*also or (), option="--also")
     if compare:
         recording, screen = read_log(log, reading, "noise"), Screen(running.quiet)
-        check_suited("jaxcal noise", recording, log)
+        check_suited("noise", recording, log)
         for name, values in recording.channels().items():
             if name != "temperature":
                 screen.lines([name, *str(jaxcal.noise.compare(values, recording.rate)).splitlines(), ""])
         screen.flush()
         return
-    done = characterise(
-        log, terms, confidence, band, reading, writing, running, method=method, calibration=calibration, also=also or (),
-        conservative=conservative,
-    )  # fmt: skip
-    done.end(running)
+    characterise(log, terms, confidence, band, reading, writing, running, method, calibration, also or (), conservative).end()
 
 
 def characterise(
@@ -115,7 +112,7 @@ def characterise(
         for other in also:
             log = read_log(other, reading, "noise")
             log = log if change is None else change(log)
-            check_suited("jaxcal noise", log, other)
+            check_suited("noise", log, other)
             recordings.append(fit(log))
         return recordings[0]
 
@@ -123,15 +120,10 @@ def characterise(
         return (lambda place, fits, *others, **more: write(place, bounded(fits), *others, **more)) if conservative else write
 
     export = of(partial(save_export, part="noise"))
-    files: list[File] = [
-        ("plot", "", figure(lambda plot, fits, _: plot.allan(fits))), ("report", "report.html", save_report),
-        ("json", "noise.json", save_json), ("", "calibration.json", of(partial(save_calibration, part="noise"))),
-        ("", "imu.yaml", tried(partial(export, format="kalibr"), jaxcal.ExportError)),
-    ]  # fmt: skip
-    done = carry_out(
-        path, reading, running, outputs(writing, files, folder(path, "noise"), formats=_EXPORTS, export=export), compute,
-        change=change, command="jaxcal noise", options=options,
-    )  # fmt: skip
+    calibrated = ("", "calibration.json", of(partial(save_calibration, part="noise")))
+    filtered = ("", "imu.yaml", tried(partial(export, format="kalibr"), jaxcal.ExportError))
+    plan = standard(writing, "noise", path, calibrated, filtered, formats=_EXPORTS, export=export)
+    done = carry_out(path, reading, running, plan, compute, change=change, command="noise", options=options)
     shown = grids_of(recordings, confidence) if also else []
     shown += grids(bounded(recordings[0]), "bound", "upper bound for a filter") if conservative else []
     done.screen.lines([line for grid in shown for line in ("", *grid_lines(grid, running.unit))])

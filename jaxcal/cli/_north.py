@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal
 from cyclopts import Parameter
 
 from .._units import STANDARD_GRAVITY
-from ._options import TABLE, CallError, Files, Gravity, Latitude, Noise, Reading, Running, asked, must_be_log, read_noise
-from ._outputs import File, figure, outputs, save_json, save_report
+from ._options import TABLE, CallError, Gravity, Latitude, Noise, Part, Pictured, Running, asked, must_be_log, read_noise
+from ._outputs import standard
 from ._readings import ReadingsTable, holds_positions, read_readings, read_table_log
 from ._simulate import noises
 from ._work import carry_out
@@ -63,10 +63,10 @@ def north(
     ] = None,
     hint: Annotated[float | None, Parameter(help="Rough azimuth in degrees, where two fit.")] = None,
     hemisphere: Annotated[Literal["north", "south"] | None, Parameter(help="north or south, for a latitude that is estimated.")] = None,
-    gravity: Gravity | None = None,
+    gravity: Annotated[Gravity | None, Parameter(help="Gravity at the place, in m/s^2; else standard gravity.")] = None,
     table: TableOptions = TableOptions(),
-    reading: Reading = Reading(),
-    writing: Files = Files(),
+    reading: Part = Part(),
+    writing: Pictured = Pictured(),
     running: Running = Running(),
 ) -> None:
     """Estimate roll, pitch and azimuth from readings on a turntable at rest.
@@ -78,10 +78,6 @@ def north(
     rests; their angles come from a column angle, --angles, or the gyroscope.
     """
     given = asked(locals())
-    files: list[File] = [
-        ("json", "", save_json), ("report", "", save_report),
-        ("plot", "", figure(lambda plot, found, _: plot.north(found.readings, found))),
-    ]  # fmt: skip
     place = None if latitude is None else math.radians(latitude)
     doubt = None if table.angle_std is None else math.radians(table.angle_std)
     angles = None if table.angles is None else _angles(",".join(table.angles))
@@ -127,8 +123,8 @@ def north(
             options["free"] = [name for name in found.free if name != "psi"] + ["s_g"]
         return found.fit(place, **options)
 
-    plan = outputs(writing, files)
-    carry_out(readings, reading, running, plan, compute, read=read, command="jaxcal north", options=given).end(running)
+    plan = standard(writing, "north", readings, readings=lambda found, _: found.readings)
+    carry_out(readings, reading, running, plan, compute, read=read, command="north", options=given).end()
 
 
 def _angles(text: str) -> list[float]:

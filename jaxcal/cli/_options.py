@@ -96,28 +96,41 @@ def exported(*formats: str) -> Parameter:
 @Parameter(name="*", group=WRITING)
 @dataclass(frozen=True, kw_only=True)
 class Files:
-    """Where results go; without any of these options they are only printed."""
+    """Where results go; without any of these options they are only printed. A command adds its own files."""
 
     json: Json = None
     report: Report = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pictured(Files):
+    """Where results with a picture go."""
+
     plot: Plot = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Folder(Files):
-    """Where results go: a folder for all of them, or single files. A command adds its own files."""
+    """Where results go: a folder for all of them, or single files."""
 
     out: Out = None
 
 
-#: command that takes only measurements -> whether of a sensor that should be at rest; the other commands take a log as it is
+@dataclass(frozen=True, kw_only=True)
+class Calibrated(Folder):
+    """Where the results of a calibration go."""
+
+    calibration: CalibrationFile = None
+
+
+#: command that takes only measurements -> whether of a sensor that should be at rest; the others take a log as it is, and have no --keep
 SET_ASIDE = {"noise": True, "allan": True, "psd": True, "temperature": False, "mag": False, "imu": False, "device": False}
 
 
 @Parameter(name="*", group=READING)
 @dataclass(frozen=True, kw_only=True)
-class Reading:
-    """How a log is read. jaxcal infers what is not given, and prints it.
+class Source:
+    """How a file is read. jaxcal infers what is not given, and prints it.
 
     Attributes
     ----------
@@ -134,16 +147,9 @@ class Reading:
     missing
         Number that marks a missing value in a table, such as 0 or -999.
     format
-        Format of the file, if its content does not show it: csv, json, npy, npz, parquet, rosbag1, rosbag2, mat, hdf5, ulog, dataflash,
-        zip.
+        Format of the file, such as csv or ulog, if its content does not show it; a wrong one is answered with all.
     axes
         Axes of a sensor that are exchanged or reversed: gyro=y,x,-z says that the device's x is the gyroscope's y. Repeatable.
-    keep
-        Kind of evidence that is not set aside: knock, moving, step, held, zeroed, stuck, clipped, or all. Repeatable.
-    start
-        Ignore samples before this time, in s after the first sample.
-    stop
-        Ignore samples after this time, in s; negative times count from the end.
     """
 
     columns: tuple[str, ...] | None = None
@@ -154,14 +160,29 @@ class Reading:
     missing: float | None = None
     format: str | None = None
     axes: tuple[str, ...] | None = None
-    keep: tuple[Literal["knock", "moving", "step", "held", "zeroed", "stuck", "clipped", "all"], ...] = ()
-    start: float | None = None
-    stop: float | None = None
 
     def asked(self) -> dict[str, Any]:
         """Options that differ from their defaults, by name."""
         plain = {field.name: field.default for field in fields(self)}
         return {name: value for name, value in vars(self).items() if value != plain[name]}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part(Source):
+    """How a part of a log is read."""
+
+    start: Annotated[float | None, Parameter(help="Ignore samples before this time, in s after the first sample.")] = None
+    stop: Annotated[float | None, Parameter(help="Ignore samples after this time, in s; negative times count from the end.")] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reading(Part):
+    """How the measurements in a log are read."""
+
+    keep: Annotated[
+        tuple[Literal["knock", "moving", "step", "held", "zeroed", "stuck", "clipped", "all"], ...],
+        Parameter(help="Kind of evidence that is not set aside. Repeatable."),
+    ] = ()
 
 
 def _known_unit(units: tuple[str, ...]) -> str:
@@ -202,6 +223,11 @@ class Running(Plain):
         checked("--unit", lambda units: all(one in known_units() for one in units), _known_unit,
                 "Show quantities in this unit, such as deg/h, mg or nT. Repeatable."),
     ] = ()  # fmt: skip
+
+    @property
+    def how(self) -> dict[str, Any]:
+        """How sentences and tables are printed."""
+        return {"reader": "terminal", "wanted": self.unit, "verbose": self.verbose}
 
 
 def asked(arguments: Mapping[str, Any]) -> dict[str, Any]:
@@ -261,7 +287,7 @@ def in_counts(options: Reading, *sensors: str) -> Reading:
     return dataclasses.replace(options, units=(*given, *units) or None)
 
 
-def reading_options(options: Reading) -> dict[str, Any]:
+def reading_options(options: Source) -> dict[str, Any]:
     """Options for `jaxcal.read`, except `quiet`.
 
     Raises
@@ -284,7 +310,7 @@ def reading_options(options: Reading) -> dict[str, Any]:
     return named | {name: getattr(options, name) for name in ("format", "rate", "data", "missing")}
 
 
-def read_clock(path: Path, options: Reading, nominal: float | None) -> Any:
+def read_clock(path: Path, options: Part, nominal: float | None) -> Any:
     """Read the file of a clock at `path` with `options`."""
     from ..io._columns import pairs
     from ..io._oscillator import read_oscillator
@@ -298,7 +324,7 @@ def read_clock(path: Path, options: Reading, nominal: float | None) -> Any:
     return log if options.start is None and options.stop is None else log.select(options.start, options.stop)
 
 
-def read_log(path: Path, options: Reading, command: str) -> Any:
+def read_log(path: Path, options: Part, command: str) -> Any:
     """Read the log at `path` with `options` for a command.
 
     Raises
@@ -325,7 +351,7 @@ def read_log(path: Path, options: Reading, command: str) -> Any:
         said = f"{error}. For all logs of a folder: jaxcal batch {shlex.quote(str(path))} --task {command} --out fleet"
         raise jaxcal.DataError(said, code=error.code) from error
     log = log if options.start is None and options.stop is None else log.select(options.start, options.stop)
-    if command not in SET_ASIDE:
+    if not isinstance(options, Reading) or command not in SET_ASIDE:
         return log
     still = SET_ASIDE[command]
     # estimators of a sensor that moves have their own view of the end of the range

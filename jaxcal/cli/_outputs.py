@@ -12,7 +12,7 @@ import jaxcal
 
 from .._answer import NOTE, Kind, table
 from .._files import check_replaceable, clear_hidden, hidden_name
-from ._options import CallError
+from ._options import CallError, folder
 
 FINDINGS = table(
     read_so=Kind(NOTE, "{said}"),
@@ -41,7 +41,7 @@ def outputs(
     formats, export : format of --export -> name of its file, and the maker, which also gets format=.
     """
     out = getattr(writing, "out", None)
-    given = [(getattr(writing, option), name, make) for option, name, make in files if option]
+    given = [(getattr(writing, option, None), name, make) for option, name, make in files if option]
     asked = [(target, make) for target, name, make in given if target is not None and name]
     beside = [(target, make) for target, name, make in given if target is not None and not name]
     for word in getattr(writing, "export", None) or ():
@@ -52,14 +52,27 @@ def outputs(
     if not asked and (out or default):
         out = out or Path(default)
         asked = [(out / name, make) for _, name, make in files if name]
-    return distinct([*asked, *beside]), out
-
-
-def distinct(asked: list[tuple[Path, Any]]) -> dict[Path, Any]:
-    """Target -> its maker; refused if two targets are the same file."""
-    if len({target.resolve() for target, _ in asked}) < len(asked):
+    wanted = [*asked, *beside]
+    if len({target.resolve() for target, _ in wanted}) < len(wanted):
         raise CallError("two outputs have the same file name; give each a name of its own", "same_file")
-    return dict(asked)
+    return dict(wanted), out
+
+
+def standard(
+    writing: Any, name: str, log: Path, *further: File, part: str = "", device: Any = None, default: str | None = None,
+    formats: Mapping[str, str] | None = None, export: Callable[..., Any] | None = None, readings: Callable[[Any, Any], Any] | None = None,
+) -> Outputs:  # fmt: skip
+    """The `outputs` of every fit: its picture, report and JSON, and `further` files; for a `part` of a calibration this, and its exports.
+
+    name : of the command, for its files and its folder beside `log`.
+    readings : (results, log) -> readings that the picture needs beside the results.
+    """
+    files = [("plot", "", figure(readings)), ("report", "report.html", save_report), ("json", f"{name.replace('-', '_')}.json", save_json)]
+    if part:
+        files.append(("calibration", "calibration.json", partial(save_calibration, part=part, device=device)))
+        export = partial(save_export, part=part, device=device)
+    default = (folder(log, name) if hasattr(writing, "out") else "") if default is None else default
+    return outputs(writing, [*files, *further], default, formats=formats, export=export)
 
 
 def tried(make: Maker, error: type[jaxcal.JaxcalError] = jaxcal.DataError) -> Maker:
@@ -74,11 +87,11 @@ def tried(make: Maker, error: type[jaxcal.JaxcalError] = jaxcal.DataError) -> Ma
     return attempt
 
 
-def figure(draw: Callable[[Any, Any, Any], Any]) -> Maker:
-    """Maker of a figure: `draw` gets `jaxcal.plot`, the results and the log. If it cannot be drawn, the reason is printed."""
+def figure(readings: Callable[[Any, Any], Any] | None = None) -> Maker:
+    """Maker of the picture of the results, which may need readings. If it cannot be drawn, the reason is printed."""
 
     def make(place: Path, results: Any, log: Any) -> None:
-        jaxcal.plot.save(draw(jaxcal.plot, results, log), place)
+        jaxcal.plot.save(results.plot(*([] if readings is None else [readings(results, log)])), place)
 
     return tried(make)
 
@@ -98,10 +111,10 @@ def save_calibration(place: Path, results: Any, log: Any, *, part: str, device: 
     jaxcal.Calibration(**{part: results}, device=device, provenance=log.provenance).save(place)
 
 
-def save_export(place: Path, results: Any, log: Any, format: str, *, part: str, device: Any = None, **options: Any) -> list[Any]:
+def save_export(place: Path, results: Any, log: Any, format: str, *, part: str, device: Any = None) -> list[Any]:
     """Write the results as the `part` of a calibration, in the format of another tool."""
     made = jaxcal.Calibration(**{part: results}, device=device, provenance=log.provenance)
-    return [one.of(place.name, *one.subject) for one in jaxcal.export.write(made, place, format=format, force=True, **options)]
+    return [one.of(place.name, *one.subject) for one in jaxcal.export.write(made, place, format=format, force=True)]
 
 
 @contextlib.contextmanager

@@ -9,7 +9,7 @@ from typing import Any
 from .._answer import NOTE, Finding, Kind, table
 from .._errors import DataError
 from .._units import factor, find_unit, shown_in
-from ._options import Reading, read_log
+from ._options import Part, read_log
 
 _NAMES = {
     "angle": ("angle", "table_angle", "tau", "azimuth_of_table"),
@@ -76,7 +76,7 @@ def _named(cell: str) -> tuple[str | None, str | None]:
     return next((name for name, words in _NAMES.items() if word in words), None), unit
 
 
-def read_table_log(path: Path, options: Reading, column: str | None) -> tuple[Any, Any]:
+def read_table_log(path: Path, options: Part, column: str | None) -> tuple[Any, Any]:
     """Read a raw log; return it, and the table angle of its samples in rad (None without such a column)."""
     log = read_log(path, options, "north")
     cell = _angle_cell(path, column)
@@ -88,7 +88,7 @@ def read_table_log(path: Path, options: Reading, column: str | None) -> tuple[An
     return log._replaced(findings=(*log.findings, said)), values
 
 
-def column_of(path: Path, options: Reading, cell: str, count: int, unit: str | None) -> Any:
+def column_of(path: Path, options: Part, cell: str, count: int, unit: str | None) -> Any:
     """Read a column that is not a sensor quantity, (count,), on the samples of the log.
 
     If `unit` is "deg", the column has angles in the unit in brackets in its name, or else in degrees; they are returned in rad.

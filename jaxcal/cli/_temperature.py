@@ -1,17 +1,15 @@
 """`jaxcal temperature`: thermal models of every axis from a log of a sensor at rest."""
 
 from dataclasses import dataclass
-from functools import partial
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
 import jaxcal
 
-from ._export import FILES, ids_of
-from ._options import CalibrationFile, CallError, Folder, Level, Log, Reading, Running, exported, folder, stem
-from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report
+from ._export import FILES, IDS, ids_of
+from ._options import Calibrated, CallError, Level, Log, Plot, Reading, Running, exported
+from ._outputs import standard
 from ._work import carry_out
 
 #: format of --export -> default name of the file
@@ -19,12 +17,12 @@ _EXPORTS = {name: FILES[name] for name in ("px4", "ardupilot", "c", "csv")}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Writing(Folder):
+class Writing(Calibrated):
     """Where results go. By default all except exports go into the folder LOG-temperature."""
 
-    calibration: CalibrationFile = None
+    plot: Plot = None
     export: Annotated[tuple[str, ...] | None, exported(*_EXPORTS)] = None
-    ids: Annotated[str | None, Parameter(help="Ids by which it finds the sensors, as gyro=1310988,accel=1310988.")] = None
+    ids: Annotated[str | None, Parameter(help="Ids by which the vehicle finds its sensors: gyro=NUMBER,accel=NUMBER.")] = None
 
 
 def temperature(
@@ -55,20 +53,9 @@ def temperature(
         "model": model, "degree": degree, "confidence": confidence, "lag": _amount("lag", lag), "play": _amount("play", play),
     }  # fmt: skip
     ids = ids_of(writing.ids, ("gyro", "accel"))
-
-    def export(place: Path, fits: Any, data: Any, format: str) -> list[Any]:
-        device = {"name": stem(Path(data.provenance.get("file", "log"))), format: ids}
-        return save_export(place, fits, data, format, part="temperature", device=device)
-
-    files: list[File] = [
-        ("plot", "", figure(lambda plot, fits, _: plot.temperature(fits))), ("report", "report.html", save_report),
-        ("json", "temperature.json", save_json), ("calibration", "calibration.json", partial(save_calibration, part="temperature")),
-    ]  # fmt: skip
-    done = carry_out(
-        log, reading, running, outputs(writing, files, folder(log, "temperature"), formats=_EXPORTS, export=export),
-        lambda data, move: jaxcal.temperature.characterise(data, progress=move, **options), command="jaxcal temperature", options=options,
-    )  # fmt: skip
-    done.end(running)
+    plan = standard(writing, "temperature", log, part="temperature", device=dict.fromkeys(IDS, ids) if ids else None, formats=_EXPORTS)
+    fit = lambda data, move: jaxcal.temperature.characterise(data, progress=move, **options)  # noqa: E731
+    carry_out(log, reading, running, plan, fit, command="temperature", options=options).end()
 
 
 def _amount(name: str, text: str | None) -> Any:

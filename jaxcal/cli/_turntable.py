@@ -1,7 +1,6 @@
 """`jaxcal rate-table`: calibrate a gyroscope from its raw log on a rate table."""
 
 import math
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,19 +9,9 @@ from cyclopts import Parameter
 
 import jaxcal
 
-from ._options import WRITING, CalibrationFile, CallError, Json, Latitude, Log, Name, Out, Reading, Running, asked, folder
-from ._outputs import File, outputs, save_calibration, save_json
+from ._options import Calibrated, CallError, Latitude, Log, Name, Part, Running, asked
+from ._outputs import save_calibration, standard
 from ._work import carry_out
-
-
-@Parameter(name="*", group=WRITING)
-@dataclass(frozen=True, kw_only=True)
-class RateWriting:
-    """Where results go. By default all go into the folder LOG-rate-table."""
-
-    out: Out = None
-    json: Json = None
-    calibration: CalibrationFile = None
 
 
 def rate_table(
@@ -33,8 +22,8 @@ def rate_table(
     latitude: Latitude | None = None,
     servo: Annotated[float, Parameter(help="Standard error of the table's rate, in ppm.")] = 0.0,
     name: Name = None,
-    reading: Reading = Reading(),
-    writing: RateWriting = RateWriting(),
+    reading: Part = Part(),
+    writing: Calibrated = Calibrated(),
     running: Running = Running(),
 ) -> None:
     """Calibrate a gyroscope from the raw log of a rate table.
@@ -53,11 +42,8 @@ def rate_table(
         angle = None if latitude is None else math.radians(latitude)
         return jaxcal.imu.rate_test(data, known, latitude=angle, servo=servo * 1e-6)
 
-    files: list[File] = [
-        ("json", "rate_table.json", save_json), ("calibration", "calibration.json", partial(_save_gyro, device=name)),
-    ]  # fmt: skip
-    plan = outputs(writing, files, folder(log, "rate-table"))
-    carry_out(log, reading, running, plan, compute, command="jaxcal rate-table", options=options).end(running)
+    plan = standard(writing, "rate-table", log, ("calibration", "calibration.json", partial(_save_gyro, device=name)))
+    carry_out(log, reading, running, plan, compute, command="rate-table", options=options).end()
 
 
 def _save_gyro(place: Path, found: Any, data: Any, device: str | None) -> None:
