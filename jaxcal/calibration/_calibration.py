@@ -155,7 +155,7 @@ class Calibration(eqx.Module):
         Raises
         ------
         DataError
-            If both have thermal models that cannot be added.
+            If this calibration has thermal models, and `other` thermal models or an imu section; or one has a model of your own.
 
         Examples
         --------

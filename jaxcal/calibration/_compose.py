@@ -16,15 +16,7 @@ from ..imu import Triad
 from ..magnetometer import MagModel
 from ..magnetometer._result import HARD, SOFT
 from ._parts import Imu, Part
-from ._thermal import Thermal, polynomials
-
-#: entries of the symmetric matrix of an ellipsoid in the order of the covariance
-QUADRIC = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
-
-
-def entries(matrix: AnyArray) -> AnyArray:
-    """Entries (..., 6) of symmetric matrices in the order of `QUADRIC`."""
-    return matrix[..., *np.transpose(QUADRIC)]
+from ._thermal import Thermal
 
 
 def composed(new: Any, old: Any) -> dict[str, Any]:
@@ -112,37 +104,7 @@ def _currents(new: Part[MagModel], old: Part[MagModel], s: AnyArray) -> dict[str
 
 
 def _thermal(new: Thermal | None, old: Thermal | None, m: AnyArray) -> Thermal | None:
-    if new is None:
-        return old
-    if old is None and np.array_equal(m, np.eye(6)):
-        return new  # the same before and after the old correction
-    older = {} if old is None else _powers_of(old, "a composition")
-    newer = _powers_of(new, "a composition")
-    sections = [one for one in (old, new) if one is not None]
-    reference = sections[0].reference
-    if new.reference != reference:
-        raise DataError(f"models about {reference:g} and {new.reference:g} degC do not add up; correct in two steps", code="thermal")
-    low, high = max(one.minimum for one in sections), min(one.maximum for one in sections)
-    if not low < high:
-        raise DataError("the thermal models have no temperature in common", code="thermal")
-    return polynomials(reference, low, high, **_mapped(m, newer, older))
-
-
-def _powers_of(thermal: Thermal, what: str) -> dict[str, AnyArray]:
-    found = {sensor: rows for sensor in ("accel", "gyro") if (rows := thermal.powers(sensor)) is not None}
-    if len(thermal.channels) > 3 * len(found):
-        raise DataError(f"{what} mixes axes, and models with jumps, splines or lag are of one; correct in two steps", code="thermal")
-    return found
-
-
-def _mapped(matrix: AnyArray, powers: dict[str, AnyArray], further: dict[str, AnyArray]) -> dict[str, AnyArray]:
-    """Coefficients of the polynomials of both sensors after multiplication by a matrix of six axes, plus `further` ones."""
-    found = {}
-    for sensor, own in (("accel", slice(0, 3)), ("gyro", slice(3, 6))):
-        blocks = {"accel": matrix[own, :3], "gyro": matrix[own, 3:]}
-        parts = [further[sensor]] if sensor in further else []
-        parts += [blocks[name] @ rows for name, rows in powers.items() if name == sensor or np.any(blocks[name])]
-        if parts:
-            width = max(part.shape[1] for part in parts)
-            found[sensor] = np.sum([np.pad(part, ((0, 0), (0, width - part.shape[1]))) for part in parts], axis=0)
-    return found
+    """The thermal models of one of both; those of corrected readings are no models of the raw ones."""
+    if new is not None and (old is not None or not np.array_equal(m, np.eye(6))):
+        raise DataError("thermal models of corrected readings do not go into a composition; correct in two steps", code="thermal")
+    return old if new is None else new

@@ -16,13 +16,14 @@ from .._special import NORMAL95
 from .._types import AnyArray
 from ..magnetometer._result import HARD, SOFT
 from ._calibration import Calibration
-from ._compose import QUADRIC, entries
 from ._findings import FINDINGS
 from ._parts import Part, quantities_of
 from ._thermal import Thermal
 
 _RANK = 1e-9  # smallest eigenvalue of the correlations that counts, relative to the largest
 _AXES = "xyz"
+#: entries of the symmetric matrix of an ellipsoid in the order of the covariance
+_QUADRIC = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 
 
 class PartDifference(eqx.Module):
@@ -206,18 +207,18 @@ def _magnetometer(a: Part[Any], b: Part[Any], notes: Sequence[Finding]) -> PartD
     if not known:
         said.append(FINDINGS("no_field"))
     further = [name for name in a.further if name in b.further]
-    names = ["correction " + _AXES[i] + _AXES[j] for i, j in QUADRIC] + [f"hard iron {axis}" for axis in _AXES] + further
+    names = ["correction " + _AXES[i] + _AXES[j] for i, j in _QUADRIC] + [f"hard iron {axis}" for axis in _AXES] + further
     values, spreads, turns = [], [], []
     for part in (a, b):
         turn, shape = scipy.linalg.polar(np.linalg.inv(part.model.soft_iron))
         scale = a.field / part.field if known else 1.0  # type: ignore[operator]
         turns.append(turn)
         numbers = part.parameters
-        values.append(np.array([*(scale * entries(shape)), *part.model.hard_iron, *(numbers[name] for name in further)]))
+        values.append(np.array([*(scale * _entries(shape)), *part.model.hard_iron, *(numbers[name] for name in further)]))
         held = part.spread([*SOFT, "field", *HARD, *further])
         strength = part.field if part.field else np.nan
-        spread = None if held is None or not np.isfinite(strength) else _quadric(held, part.model.soft_iron, strength)
-        spreads.append(None if spread is None else _of_root(spread, shape / strength, scale * strength))
+        missing = held is None or not np.isfinite(strength)
+        spreads.append(None if missing else _of_root(held, part.model.soft_iron, strength, shape / strength, scale * strength))
     turned = turns[1] @ turns[0].T
     angle = np.degrees(np.arccos(np.clip((np.trace(turned) - 1) / 2, -1.0, 1.0)))
     if angle > 1e-3:
@@ -227,23 +228,18 @@ def _magnetometer(a: Part[Any], b: Part[Any], notes: Sequence[Finding]) -> PartD
     return _part("magnetometer", names, units, values[0], values[1], spread, (*said, *more))
 
 
-def _quadric(spread: AnyArray, soft: AnyArray, field: float) -> AnyArray:
-    """Covariance of the entries of A = (C C')^-1 / H^2, and of what follows, from that of C by rows, H, and what follows."""
-    a = np.linalg.inv(soft @ soft.T) / field**2
-    change = np.eye(9).reshape(9, 3, 3) @ soft.T
-    by_soft = -(field**2) * a @ (change + np.swapaxes(change, 1, 2)) @ a
+def _of_root(spread: AnyArray, soft: AnyArray, field: float, root: AnyArray, scale: float) -> AnyArray:
+    """Covariance of scale * W, with A = W W = (C C')^-1 / H^2, and of what follows, from that of C by rows, H, and what follows."""
+    a, change = root @ root, np.eye(9).reshape(9, 3, 3) @ soft.T
+    moved = [*(-(field**2) * a @ (change + np.swapaxes(change, 1, 2)) @ a), -2 * a / field]
     slope = np.zeros((len(spread) - 4, len(spread)))
-    slope[:6, :9], slope[:6, 9], slope[6:, 10:] = entries(by_soft).T, -2 * entries(a) / field, np.eye(len(spread) - 10)
+    slope[:6, :10] = scale * np.transpose([_entries(scipy.linalg.solve_sylvester(root, root, one)) for one in moved])
+    slope[6:, 10:] = np.eye(len(spread) - 10)
     return slope @ spread @ slope.T
 
 
-def _of_root(spread: AnyArray, root: AnyArray, scale: float) -> AnyArray:
-    """Covariance of scale * W and of the hard iron, from that of A = W W and of the hard iron."""
-    slope, units = np.eye(len(spread)), np.zeros((6, 3, 3))
-    for unit, (i, j) in zip(units, QUADRIC, strict=True):
-        unit[i, j] = unit[j, i] = 1.0
-    slope[:6, :6] = scale * np.transpose([entries(scipy.linalg.solve_sylvester(root, root, unit)) for unit in units])
-    return slope @ spread @ slope.T
+def _entries(matrix: AnyArray) -> AnyArray:
+    return matrix[tuple(np.transpose(_QUADRIC))]
 
 
 def _noise(sensor: str, i: int, a: Any, b: Any, notes: Sequence[Finding]) -> PartDifference | None:
