@@ -199,7 +199,7 @@ def command(log):
         environment = os.environ | {"XDG_CACHE_HOME": os.path.join(folder, "cache")}
         for state in ("cold", "warm", "warm"):
             start = time.perf_counter()
-            arguments = [sys.executable, "-m", "jaxcal.cli", "noise", str(log), "--quiet", "--out", os.path.join(folder, "out")]
+            arguments = [sys.executable, "-m", "jaxcal", "noise", str(log), "--quiet", "--out", os.path.join(folder, "out")]
             child = subprocess.Popen(arguments, env=environment, stdout=subprocess.DEVNULL)
             _, status, usage = os.wait4(child.pid, 0)
             child.returncode = os.waitstatus_to_exitcode(status)

@@ -321,7 +321,7 @@ def bad(paths, folder, arguments):
     good = 9 * number // 10
 
     def words(out, *more):
-        return [sys.executable, "-m", "jaxcal.cli", "batch", str(logs), "--task", "allan", "--set", "m=octave", "--out", str(out), *more]
+        return [sys.executable, "-m", "jaxcal", "batch", str(logs), "--task", "allan", "--set", "m=octave", "--out", str(out), *more]
 
     def told(title, out, done, seconds):
         manifest = json.loads((out / "manifest.json").read_text())

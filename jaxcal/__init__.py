@@ -43,28 +43,15 @@ if TYPE_CHECKING:
 
     __version__: str
 
+_PARTS = "alignment allan batch budget device evidence export fitting imu magnetometer noise plot report spectrum temperature"
 _part, _names = on_first_use(
     __name__,
     {
         "_errors": "DataError ExportError FitError JaxcalError PrecisionWarning UnitError",
         "_log": "Log",
-        "alignment": "alignment",
-        "allan": "allan",
-        "batch": "batch",
-        "budget": "budget",
         "calibration": "calibration Calibration",
-        "device": "device",
-        "evidence": "evidence",
-        "export": "export",
-        "fitting": "fitting",
-        "imu": "imu",
         "io": "io read",
-        "magnetometer": "magnetometer",
-        "noise": "noise",
-        "plot": "plot",
-        "report": "report",
-        "spectrum": "spectrum",
-        "temperature": "temperature",
+        **{name: name for name in _PARTS.split()},
     },
 )
 

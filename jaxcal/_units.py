@@ -190,10 +190,15 @@ _SHOWN = {"gyro": "deg/s", "mag": "uT", "angle": "deg", "delay": "ms", "gyro/acc
           "gyro^2/Hz": "(deg/h)^2/Hz", "accel^2/Hz": "mg^2/Hz", "mag^2/Hz": "nT^2/Hz"}  # fmt: skip
 
 
-def _units_of(name: str) -> dict[str, float]:
-    """Units of a quantity of a result: "gyro", "angle", "N.gyro" for a noise coefficient. Any other text is a unit by itself."""
+def _units_of(name: str) -> tuple[dict[str, float], str, str]:
+    """Units of a quantity of a result, such as "gyro" or "N.gyro", the SI one and the usual one; any other text is a unit by itself."""
     term, _, sensor = name.partition(".")
-    return _noise_table(term, sensor) if sensor and ("N", sensor) in _NOISE else _QUANTITIES.get(name, {name: 1.0})
+    if sensor and ("N", sensor) in _NOISE:
+        units = _noise_table(term, sensor)
+        return units, [*units][-1], next(iter(units))
+    units = _QUANTITIES.get(name, {name: 1.0})
+    si = next(iter(units))
+    return units, si, _SHOWN.get(name, si)
 
 
 def si_unit_of(name: str) -> str:
@@ -205,8 +210,7 @@ def si_unit_of(name: str) -> str:
     >>> si_unit_of("gyro"), si_unit_of("N.accel"), si_unit_of("angle"), si_unit_of("counts")
     ('rad/s', 'm/s^2/sqrt(Hz)', 'rad', 'counts')
     """
-    term, _, sensor = name.partition(".")
-    return noise_units(term, sensor)[-1] if sensor and ("N", sensor) in _NOISE else next(iter(_units_of(name)))
+    return _units_of(name)[1]
 
 
 def shown_in(name: str, wanted: Sequence[str] = ()) -> tuple[str, float]:
@@ -218,9 +222,7 @@ def shown_in(name: str, wanted: Sequence[str] = ()) -> tuple[str, float]:
     >>> shown_in("mag"), shown_in("mag", ["mg", "nT"]), shown_in("counts")
     (('uT', 1e-06), ('nT', 1e-09), ('counts', 1.0))
     """
-    units = _units_of(name)
-    term, _, sensor = name.partition(".")
-    usual = noise_units(term, sensor)[0] if sensor and ("N", sensor) in _NOISE else _SHOWN.get(name, si_unit_of(name))
+    units, _, usual = _units_of(name)
     unit = next((one for one in wanted if one in units), usual)
     return unit, units[unit]
 

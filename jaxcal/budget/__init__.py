@@ -10,12 +10,4 @@ if TYPE_CHECKING:
     from ._result import Budget as Budget, requirement as requirement
     from ._sensors import array as array
 
-install(
-    __name__,
-    {
-        "_motion": "Motion",
-        "_propagate": "increments propagate",
-        "_result": "Budget requirement",
-        "_sensors": "array",
-    },
-)
+install(__name__, {"_motion": "Motion", "_propagate": "increments propagate", "_result": "Budget requirement", "_sensors": "array"})

@@ -16,12 +16,7 @@ if TYPE_CHECKING:
 install(
     __name__,
     {
-        "_calibration": "Calibration",
-        "_difference": "Difference PartDifference difference",
-        "_find": "find",
-        "_noise": "DeviceNoise SensorNoise",
-        "_parts": "Imu Part",
-        "_provenance": "provenance",
-        "_thermal": "Thermal polynomials",
+        "_calibration": "Calibration", "_difference": "Difference PartDifference difference", "_find": "find",
+        "_noise": "DeviceNoise SensorNoise", "_parts": "Imu Part", "_provenance": "provenance", "_thermal": "Thermal polynomials",
     },
-)
+)  # fmt: skip

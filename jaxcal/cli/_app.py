@@ -133,11 +133,8 @@ def attempt(argv: list[str]) -> Failure | None:
         return Failure(DATA, error.spelt("terminal"), error.code)
     except KeyboardInterrupt:
         return Failure(INTERRUPTED, "interrupted")
-    except BrokenPipeError:
-        _discard_output()
-        return Failure(PIPE_CLOSED)
     except OSError as error:
-        if error.errno == errno.EPIPE:
+        if isinstance(error, BrokenPipeError) or error.errno == errno.EPIPE:
             _discard_output()
             return Failure(PIPE_CLOSED)
         return Failure(CALL, f"{error.filename or 'a file'}: {(error.strerror or str(error)).lower()}", "os")

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from cyclopts import Parameter
 
 from .._units import STANDARD_GRAVITY
-from ._options import TABLE, CallError, Gravity, Latitude, Noise, Part, Pictured, Running, asked, must_be_log, read_noise
+from ._options import TABLE, CallError, Gravity, Latitude, Noise, Part, Pictured, Running, asked, must_be_log, numbers, read_noise
 from ._outputs import standard
 from ._readings import ReadingsTable, holds_positions, read_readings, read_table_log
 from ._simulate import noises
@@ -80,7 +80,7 @@ def north(
     given = asked(locals())
     place = None if latitude is None else math.radians(latitude)
     doubt = None if table.angle_std is None else math.radians(table.angle_std)
-    angles = None if table.angles is None else _angles(",".join(table.angles))
+    angles = None if table.angles is None else [*map(math.radians, numbers("--angles", ",".join(table.angles), "0,90,180,270"))]
     options: dict[str, Any] = {
         "priors": _priors(prior), "hemisphere": hemisphere, "gravity": STANDARD_GRAVITY if gravity is None else gravity,
         "hint": None if hint is None else math.radians(hint),
@@ -125,13 +125,6 @@ def north(
 
     plan = standard(writing, "north", readings, readings=lambda found, _: found.readings)
     carry_out(readings, reading, running, plan, compute, read=read, command="north", options=given).end()
-
-
-def _angles(text: str) -> list[float]:
-    try:
-        return [math.radians(float(word)) for word in text.split(",")]
-    except ValueError:
-        raise CallError(f"--angles {text}: expected degrees with commas between them, such as 0,90,180,270") from None
 
 
 def _priors(words: tuple[str, ...] | None) -> dict[str, Any] | None:

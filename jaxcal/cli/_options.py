@@ -37,11 +37,6 @@ def checked(name: str, holds: Callable[[Any], bool], expected: str | Callable[[A
     return Parameter(validator=validate) if help is None else Parameter(validator=validate, help=help)
 
 
-def picture(help: str = "Picture: FILE.png, FILE.svg or FILE.pdf.") -> Parameter:
-    """The option --plot."""
-    return checked("--plot", lambda path: path.suffix.lower() in (".png", ".svg", ".pdf"), "a name that ends in .png, .svg or .pdf", help)
-
-
 def log_file(name: str = "--out", help: str = "File to write: FILE.csv or FILE.npz, in SI units.") -> Parameter:
     """An option for a log that the command writes."""
     return checked(name, lambda path: path.suffix in (".csv", ".npz"), "a name that ends in .csv or .npz", help)
@@ -56,34 +51,35 @@ Log = Annotated[Path, Parameter(help="The log: any file that can be read, a fold
 LogFile = Annotated[Path, log_file()]
 Name = Annotated[str | None, Parameter(name="--name", help="Name of the device, kept in the calibration.")]
 Noise = Annotated[Path | None, Parameter(help="Noise of the sensors: calibration.json of jaxcal noise. Else the log gives the noise.")]
-#: option -> least and largest value, and unit
-_LIMITS = {
-    "confidence": (0.01, 0.9999, ""), "latitude": (-90, 90, "degrees"), "height": (-500, 9000, "m above sea level"),
-    "inclination": (-89.9, 89.9, "degrees, positive downwards"), "gravity": (*ON_EARTH["gravity"], "m/s^2; --latitude gives it"),
-    "field": (*(limit * 1e6 for limit in ON_EARTH["field"]), "uT"),
-}  # fmt: skip
 
 
-def _within(option: str, help: str) -> Parameter:
+def _within(option: str, low: float, high: float, unit: str, help: str) -> Parameter:
     """Parameter of a number with limits."""
-    low, high, unit = _LIMITS[option]
     return checked(f"--{option}", lambda value: low <= value <= high, f"{low:g} to {high:g} {unit}".strip(), help)
 
 
-Level = Annotated[float, _within("confidence", "Level of the intervals.")]
-Latitude = Annotated[float, _within("latitude", "Latitude of the place, in degrees.")]
-Height = Annotated[float, _within("height", "Height of the place, in m.")]
-Dip = Annotated[float, _within("inclination", "Dip of the Earth's field at the place, in degrees, positive downwards.")]
+Level = Annotated[float, _within("confidence", 0.01, 0.9999, "", "Level of the intervals.")]
+Latitude = Annotated[float, _within("latitude", -90, 90, "degrees", "Latitude of the place, in degrees.")]
+Height = Annotated[float, _within("height", -500, 9000, "m above sea level", "Height of the place, in m.")]
+Dip = Annotated[
+    float, _within("inclination", -89.9, 89.9, "degrees, positive downwards", "Dip of the Earth's field at the place, in degrees.")
+]  # fmt: skip
 Gravity = Annotated[
-    float, _within("gravity", "Gravity at the place, in m/s^2; else from --latitude and --height, else standard gravity.")
+    float, _within("gravity", *ON_EARTH["gravity"], "m/s^2; --latitude gives it",
+                   "Gravity at the place, in m/s^2; else from --latitude and --height, else standard gravity."),
 ]  # fmt: skip
 Field = Annotated[
-    float, _within("field", "Norm of the Earth's field at the place, in uT; without it, corrected readings keep their size.")
+    float, _within("field", *(limit * 1e6 for limit in ON_EARTH["field"]), "uT",
+                   "Norm of the Earth's field at the place, in uT; without it, corrected readings keep their size."),
 ]  # fmt: skip
 Out = Annotated[Path | None, Parameter(help="Folder for the files, made if it is missing. Default: LOG-COMMAND, such as imu-noise.")]
 Json = Annotated[Path | None, Parameter(help="Numbers, findings and fields of the result as JSON, in SI units.")]
 Report = Annotated[Path | None, Parameter(help="Report as one HTML file.")]
-Plot = Annotated[Path | None, picture()]
+Plot = Annotated[
+    Path | None,
+    checked("--plot", lambda path: path.suffix.lower() in (".png", ".svg", ".pdf"), "a name that ends in .png, .svg or .pdf",
+            "Picture: FILE.png, FILE.svg or FILE.pdf."),
+]  # fmt: skip
 CalibrationFile = Annotated[Path | None, Parameter(help="Calibration file, for jaxcal apply and jaxcal export.")]
 
 
@@ -261,6 +257,14 @@ def read_noise(path: Path | None) -> Any:
 
     must_be_calibration(path, option="--noise")
     return None if path is None else Calibration.load(path)
+
+
+def numbers(option: str, text: str, such: str) -> list[float]:
+    """Parse numbers with commas between them."""
+    try:
+        return [float(word) for word in text.split(",")]
+    except ValueError:
+        raise CallError(f"{option} {text}: expected numbers with commas between them, such as {such}") from None
 
 
 def day(text: str) -> datetime.date:

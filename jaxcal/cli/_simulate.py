@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from cyclopts import Parameter
 
 from .._units import STANDARD_GRAVITY, noise_factor, noise_units, si_unit
-from ._options import CallError, Field, Latitude, LogFile, Simulating, checked
+from ._options import CallError, Field, Latitude, LogFile, Simulating, checked, numbers
 from ._outputs import staged
 from ._screen import Screen, progress, show_written
 
@@ -234,7 +234,7 @@ def simulate_north(
 
     The biases are 0.5 deg/h and 100 micro-g.
     """
-    angles = _numbers("--attitude", attitude)
+    angles = numbers("--attitude", attitude, "1,2,88")
     if len(angles) != 3:
         raise CallError(f"--attitude {attitude}: expected roll, pitch and azimuth in degrees, such as 1,2,88")
     places = [_position(word.strip()) for word in positions.split(",")]
@@ -342,15 +342,8 @@ def save_log(place: Path, time: Any, sensors: dict[str, Any]) -> None:
     np.savetxt(place, table, fmt=["%.9f", *["%.9g"] * (len(names) - 1)], delimiter=",", header=",".join(names), comments="")
 
 
-def _numbers(option: str, text: str) -> list[float]:
-    try:
-        return [float(word) for word in text.split(",")]
-    except ValueError:
-        raise CallError(f"{option} {text}: expected numbers with commas between them") from None
-
-
 def _position(word: str) -> tuple[str, float]:
     for mounting in ("-z", "z"):
         if word.startswith(mounting):
-            return mounting, _numbers("--positions", word.removeprefix(mounting) or "0")[0]
-    return "x", _numbers("--positions", word)[0]
+            return mounting, numbers("--positions", word.removeprefix(mounting) or "0", "0,90,z,-z")[0]
+    return "x", numbers("--positions", word, "0,90,z,-z")[0]

@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 import jaxcal
 
-from ._options import Calibrated, CallError, Latitude, Log, Name, Part, Running, asked
+from ._options import Calibrated, Latitude, Log, Name, Part, Running, asked, numbers
 from ._outputs import save_calibration, standard
 from ._work import carry_out
 
@@ -33,10 +33,7 @@ def rate_table(
     stretches of constant rate in the log.
     """
     options = asked(locals())
-    try:
-        known = [math.radians(float(word)) for word in rates.split(",")]
-    except ValueError:
-        raise CallError(f"--rates {rates}: expected numbers in deg/s, such as 10,50,100") from None
+    known = [math.radians(rate) for rate in numbers("--rates", rates, "10,50,100")]
 
     def compute(data: Any, _: Any) -> Any:
         angle = None if latitude is None else math.radians(latitude)

@@ -16,7 +16,6 @@ from ._loss_and_prior import (
     Cauchy as Cauchy,
     Gaussian as Gaussian,
     Huber as Huber,
-    Tukey as Tukey,
 )
 from ._profile import Interval as Interval, profile_interval as profile_interval
 from ._result import Fit as Fit, Outcome as Outcome, identifiability as identifiability

@@ -93,24 +93,6 @@ class Cauchy(AbstractLoss):
         return jnp.where(small, 1 - z / 2, jnp.log1p(safe) / safe)
 
 
-class Tukey(AbstractLoss):
-    """Loss that ignores residuals beyond `scale`: rho = (1 - (1 - z)^3) / 3, then 1/3. It has many minima; start from a robust fit.
-
-    Examples
-    --------
-    >>> import jax.numpy as jnp
-    >>> from jaxcal.fitting import Tukey
-    >>> [round(float(weight), 3) for weight in Tukey(scale=2.0).weight(jnp.array([0.0, 1.0, 3.0]))]
-    [1.0, 0.562, 0.0]
-    """
-
-    scale: float | Array = 4.685
-
-    def ratio(self, z: Array) -> Array:
-        large = jnp.where(z > 1, z, 1)
-        return jnp.where(z > 1, 1 / (3 * large), 1 - z + z**2 / 3)
-
-
 class AbstractPrior(eqx.Module):
     """Prior knowledge of a model, as residuals with standard deviation one.
 

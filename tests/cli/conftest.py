@@ -66,7 +66,7 @@ def shell(tmp_path_factory):
     environment |= {"XDG_CACHE_HOME": str(tmp_path_factory.mktemp("cache")), "COLUMNS": "80"}
 
     def run(*argv, cwd, cached=False):
-        command = [sys.executable, "-m", "jaxcal.cli", *map(str, argv)]
+        command = [sys.executable, "-m", "jaxcal", *map(str, argv)]
         found = subprocess.run(
             command, cwd=cwd, env=environment | ({} if not cached else tests), capture_output=True, text=True, check=False
         )

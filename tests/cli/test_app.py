@@ -111,13 +111,13 @@ def test_a_fault_of_ours_is_3_and_asks_for_a_report(call, folder, log, monkeypat
 
 @pytest.mark.skipif(os.name != "posix", reason="pipes of this kind are POSIX")
 def test_output_that_goes_away_ends_the_command_quietly(log, shell):
-    command = f"({sys.executable} -m jaxcal.cli allan {log} --m octave; echo status $? >&2) | true"
+    command = f"({sys.executable} -m jaxcal allan {log} --m octave; echo status $? >&2) | true"
     found = subprocess.run(["bash", "-c", command], env=shell.cached, capture_output=True, text=True, check=False)
     assert found.stderr.split() == ["status", "141"]
 
 
 def test_files_are_written_where_nobody_reads_on(log, shell, folder):
-    command = f"({sys.executable} -m jaxcal.cli noise {log} --json {folder}/noise.json; echo status $? >&2) | head -n 1"
+    command = f"({sys.executable} -m jaxcal noise {log} --json {folder}/noise.json; echo status $? >&2) | head -n 1"
     found = subprocess.run(["bash", "-c", command], env=shell.cached, capture_output=True, text=True, check=False)
     assert found.stderr.split()[-2:] == ["status", "141"]
     assert json.loads((folder / "noise.json").read_text())["channels"]

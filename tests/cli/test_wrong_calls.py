@@ -105,7 +105,7 @@ north table.csv --latitude 95              | to 90 degrees
 north table.csv --gyro N=0.01              | N has no unit; use one of deg/sqrt(h)
 north table.csv --gyro N=0.01deg/h         | 'deg/h' is not a unit of N of a gyro
 north table.csv --prior s_a                | expected NAME=STANDARD_DEVIATION
-north table.csv --angles a,b               | expected degrees with commas between them, such as 0,90,180,270
+north table.csv --angles a,b               | expected numbers with commas between them, such as 0,90,180,270
 batch --out fleet                          | needs logs: files, folders or patterns
 batch nowhere/ --out fleet                 | there are no logs at nowhere
 batch rest.csv --task fly --out fleet      | Choose from: "noise", "mag"

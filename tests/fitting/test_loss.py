@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 
-from jaxcal.fitting import Cauchy, Huber, Tukey, covariance, solve, solve_many
+from jaxcal.fitting import Cauchy, Huber, covariance, solve, solve_many
 
 from . import problems as p
 
@@ -29,7 +29,7 @@ def test_same_optimum_as_scipy(name):
     np.testing.assert_allclose(slope, (one(data["y"] + step) - one(data["y"] - step)) / 2, rtol=1e-4)
 
 
-@pytest.mark.parametrize("loss", [Huber(), Cauchy(), Tukey()])
+@pytest.mark.parametrize("loss", [Huber(), Cauchy()])
 def test_weight_is_the_slope_of_the_cost(loss, precision):
     r = jnp.asarray([-20.0, -4.0, -1.0, -1e-6, 0.0, 1e-9, 0.5, 2.0, 3.0], dtype=precision)
 
@@ -46,7 +46,7 @@ def test_weight_is_the_slope_of_the_cost(loss, precision):
     assert np.isfinite(curvature).all()
 
 
-@pytest.mark.parametrize("loss", [Huber(), Tukey()])
+@pytest.mark.parametrize("loss", [Huber(), Cauchy()])
 def test_covariance_and_gain_on_heavy_tails(loss):
     data = jax.tree.map(lambda *a: np.stack(a), *[p.thermal_data(seed) for seed in range(300)])
     rough = solve_many(p.thermal, START, data, batched=(False, True), loss=Huber())
