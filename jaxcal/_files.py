@@ -21,7 +21,7 @@ PIECE = 1 << 22  # bytes: the most of a JSON document, and of each end of a file
 _MARKS = re.compile(
     rb"\"schema\"\s*:\s*\"jaxcal\.|written by jaxcal|Creator.{0,9}jaxcal|<dc:title>jaxcal|Software\0jaxcal|PK.{28}jaxcal\.npy"
     rb"|\APAR1.*jaxcal"
-    rb"|^quantity,axis,value,low,high,unit,kind|^time \[s\](,(gyro|accel|mag)_[xyz] \[[^],]+\])*(,temperature \[degC\])?\r?\n-?\d+\.\d{9},",
+    rb"|^name,value,low,high,unit,state|^time \[s\](,(gyro|accel|mag)_[xyz] \[[^],]+\])*(,temperature \[degC\])?\r?\n-?\d+\.\d{9},",
     re.IGNORECASE | re.DOTALL,
 )
 _DIGEST = re.compile(rb"\b[0-9a-f]{64}\b")

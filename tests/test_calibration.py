@@ -1,5 +1,6 @@
 """`Calibration` against the golden file of its schema, and round trips of all its contents."""
 
+import csv
 import dataclasses
 import json
 import math
@@ -230,8 +231,9 @@ def test_a_calibration_in_counts_is_written_applied_and_exported(tmp_path, refus
     np.testing.assert_allclose(np.linalg.norm(fixed, axis=1), found.field, rtol=5e-3)
     for name in ("csv", "c"):
         jaxcal.export.write(device, tmp_path / name, format=name, force=True)
-    rows = [line.split(",") for line in (tmp_path / "csv").read_text().splitlines()]
-    np.testing.assert_allclose([float(row[2]) for row in rows if row[-1] == "bias" and row[-2] == "counts"], found.model.hard_iron)
+    rows = list(csv.DictReader((tmp_path / "csv").read_text().splitlines()))
+    np.testing.assert_allclose([float(row["value"]) for row in rows if row["name"].startswith("mag.hard_iron")], found.model.hard_iron)
+    assert {row["unit"] for row in rows} == {"", "counts"}
     with refuses("counts"):
         jaxcal.export.write(device, tmp_path / "px4", format="px4", force=True)
 

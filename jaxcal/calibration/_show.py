@@ -26,6 +26,7 @@ def sections_of(calibration: Any) -> list[Section]:
 def numbers_of(sensor: str, part: Part[Any]) -> list[Number]:
     """Parameters of a part with their 95 % intervals, where it has them."""
     values, known = part.parameters, part.estimate
+    values = {name: value for name, value in values.items() if sensor != "accel" or value or not name.startswith("g_sensitivity")}
     halves = {} if known is None else dict(zip(known.names, np.diff(known.intervals(), axis=1)[:, 0] / 2, strict=True))
     if part.field is not None:
         values["field"] = float(part.field)

@@ -34,7 +34,7 @@ def test_a_rate_table(call, folder):
     assert call("apply", ".", "sweep.csv", "--rate", "100", "--out", "c.csv").status == 2
     for words, status, reason in (
         ((), 2, "--rates"),
-        (("--rates", "fast"), 2, "expected numbers in deg/s"),
+        (("--rates", "fast"), 2, "expected numbers with commas"),
         (("--rates", "3000"), 1, "none of the rates"),
     ):
         refused = call("rate-table", "sweep.csv", "--rate", "100", *words)
