@@ -17,7 +17,7 @@ FINDINGS = table(
 )
 
 
-def times(tau, most: int = 20) -> str:
+def times(tau, most: int = 5) -> str:
     """Cluster times in s for a sentence; the first, the last and the number of many."""
     words = [f"{each:g}" for each in tau]
-    return ", ".join(words) if len(words) <= most else f"{words[0]} ... {words[-1]} ({len(words)} cluster sizes)"
+    return ", ".join(words) if len(words) <= most else f"{words[0]} to {words[-1]} ({len(words)} cluster sizes)"

@@ -5,7 +5,6 @@ from collections.abc import Iterable
 import numpy as np
 
 from .._answer import Finding
-from .._arrays import runs
 from .._log_findings import LOG
 from ._stretch import NOT_STILL, Stretch
 from ._values import STUCK
@@ -41,17 +40,29 @@ def seen_in(sensor: str, names: list[str], values: np.ndarray, rate: float, unit
 
 def said_of(stretches: Iterable[Stretch], samples: int, rate: float) -> list[Finding]:
     """A finding on what was set aside as no noise of a sensor at rest: its share, and what happened when."""
-    aside = [one for one in stretches if one.kind in NOT_STILL]
+    aside = joined_times(one for one in stretches if one.kind in NOT_STILL)
     if not aside:
         return []
-    out = np.zeros(samples, bool)
-    for one in aside:
-        out[round(one.start * rate) : round(one.stop * rate)] = True
-    starts, stops = runs(out)
-    longest = np.sort(starts[np.argsort(starts - stops, kind="stable")[:_NAMED]])
-    more = f", and {len(starts) - _NAMED} times more" if len(starts) > _NAMED else ""
-    what = f"something moved at {', '.join(clock(at / rate) for at in longest)}{more}"
-    return [LOG("set_aside", seconds=float(out.sum() / rate), percent=100 * float(out.mean()), what=what)]
+    seconds = sum(stop - start for start, stop in aside)
+    what = f"something moved at {_times(aside, ', and {} times more')}"
+    return [LOG("set_aside", seconds=seconds, percent=100 * seconds * rate / samples, what=what)]
+
+
+def joined_times(stretches: Iterable[Stretch]) -> list[tuple[float, float]]:
+    """Start and stop of what stretches of several sensors make together, s."""
+    found: list[tuple[float, float]] = []
+    for one in sorted(stretches, key=lambda one: one.start):
+        if found and one.start <= found[-1][1]:
+            found[-1] = found[-1][0], max(found[-1][1], one.stop)
+        else:
+            found.append((one.start, one.stop))
+    return found
+
+
+def _times(found: list[tuple[float, float]], more: str) -> str:
+    """When the longest were, in the order of time, and how many more there are."""
+    longest = sorted(sorted(found, key=lambda one: one[0] - one[1])[:_NAMED])
+    return ", ".join(dict.fromkeys(clock(start) for start, _ in longest)) + more.format(len(found) - _NAMED) * (len(found) > _NAMED)
 
 
 def timeline(stretches: Iterable[Stretch]) -> list[str]:
@@ -62,7 +73,7 @@ def timeline(stretches: Iterable[Stretch]) -> list[str]:
     >>> from jaxcal.evidence import Stretch
     >>> from jaxcal.evidence._findings import timeline
     >>> timeline([Stretch("knock", "gyro", (0,), 49.9, 50.7), Stretch("knock", "accel", (2,), 49.9, 51.1)])
-    ['knock (gyro, accel): 2 s from 0:49']
+    ['knock (gyro, accel): 1.2 s from 0:49']
     """
     kinds: dict[str, list[Stretch]] = {}
     for one in stretches:
@@ -71,13 +82,11 @@ def timeline(stretches: Iterable[Stretch]) -> list[str]:
     lines = []
     for kind, found in kinds.items():
         sensors = ", ".join(dict.fromkeys(one.sensor for one in found if one.sensor))
-        longest = sorted(found, key=lambda one: one.start - one.stop)[:_NAMED]
-        times = ", ".join(dict.fromkeys(clock(one.start) for one in sorted(longest, key=lambda one: one.start)))
-        more = f" and {len(found) - _NAMED} times more" if len(found) > _NAMED else ""
-        total = sum(one.stop - one.start for one in found)
+        times = joined_times(found)
+        total = sum(stop - start for start, stop in times)
         # these are scattered between start and stop
         long = f"{sum(one.samples for one in found)} readings" if kind in ("held", "zeroed", "clipped") else f"{total:.3g} s"
-        lines.append((total, f"{kind.replace('_', '-')}{f' ({sensors})' * bool(sensors)}: {long} from {times}{more}"))
+        lines.append((total, f"{kind.replace('_', '-')}{f' ({sensors})' * bool(sensors)}: {long} from {_times(times, ' and {} more')}"))
     return [line for _, line in sorted(lines, key=lambda one: -one[0])]
 
 

@@ -16,6 +16,7 @@ from .._log import Log
 from .._message import Message
 from .._types import AnyArray
 from .._units import BEYOND, ON_EARTH, STANDARD_GRAVITY
+from ..evidence._findings import said_of
 from ..evidence._rests import still_intervals
 from ._columns import SENSORS
 from ._evidence import median_norm
@@ -113,17 +114,22 @@ def _judged(log: Log) -> Iterator[tuple[str, bool, str, str]]:
     names = [sensor for sensor in SENSORS if getattr(log, sensor) is not None]
     sides, poses, moved = _sides(log.mag), _attitudes(log), _motion(log)
     turned = sides is not None and bool(sides.min() > _SIDES)
-    still = None if moved is None else 1.0 - moved.share
+    aside = sum(one.facts["percent"] for one in said_of(log.evidence, len(log.time), log.rate)) / 100
+    still = None if moved is None else 1.0 - max(moved.share, aside)
     rests = "whether it rests is not known" if still is None else f"{100 * still:.0f} % of it is at rest"
-    enough = still is None or still >= 1.0 - _SHARE
+    turns = moved is not None and moved.share > _SHARE
+    enough = not turns and aside <= _ASIDE
     at_rest = bool(names) and log.duration >= _LONG and enough
     long = f"{log.duration:.4g} s of {', '.join(names) or 'no sensor'}, and {rests}" + f"; it needs {_LONG:g} s at rest" * (not at_rest)
     part = "" if at_rest or moved is None or moved.still is None else " --start {:.6g} --stop {:.6g}".format(*moved.still)
 
     reason = "all three sensors, turned by hand" if turned else "the sensor is not turned to all sides"
-    three = accel is not None and gyro is not None and log.mag is not None
+    whole = {name: (values := getattr(log, name)) is not None and values.shape[1] == 3 for name in SENSORS}
+    three = all(whole.values())
     yield "device", three and turned and not at_rest, reason if three else "it needs accelerometer, gyroscope and magnetometer", ""
-    reason = f"{poses} attitude{'s' * (poses != 1)} at rest; it needs {_POSES}" if accel else "it needs an accelerometer of three axes"
+    reason = (
+        f"{poses} attitude{'s' * (poses != 1)} at rest; it needs {_POSES}" if whole["accel"] else "it needs an accelerometer of three axes"
+    )
     yield "imu", poses >= _POSES, reason, ""
     yield "mag", turned, "no magnetometer" if log.mag is None else f"the field is seen from {'all' if turned else 'few'} sides", ""
     span = 0.0 if log.temperature is None else float(np.nanmax(log.temperature) - np.nanmin(log.temperature))
@@ -131,7 +137,7 @@ def _judged(log: Log) -> Iterator[tuple[str, bool, str, str]]:
     yield "temperature", at_rest and span >= _SPAN, warm, ""
     rates = _table_rates(gyro)
     yield "rate-table", rates, "steady turns of both signs about each axis" if rates else "no steady turns about each axis", " --rates ..."
-    level = _upright(accel) and not enough and gyro is not None and poses == 1
+    level = _upright(accel) and turns and gyro is not None and poses == 1
     reason = "rests in one attitude, with turns between" if level else "it needs rests on a level table, with turns between"
     yield "north", level, reason, ""
     yield "noise", at_rest or bool(part), long, part

@@ -167,7 +167,6 @@ def _rated(found: tuple[dict[str, Any], list[np.ndarray]], topics: list[str] | N
     rates = {value for name, value in about.get("attributes", {}).items() if _is_rate(posixpath.basename(name))}
     if table.rate is None and len(rates) == 1 and next(iter(rates)) > 0:
         table.rate = rates.pop()
-        table.findings.append(READ("rate_stated", rate=table.rate, source="an attribute of the file states"))
     return tables
 
 
