@@ -369,20 +369,6 @@ def bad(paths, folder, arguments):
     print(f"results equal to those of an undisturbed run: {results(out) == expected}; left behind: {left}")
     assert results(out) == expected
     assert not left
-    try:
-        from distributed import LocalCluster
-    except ImportError:
-        print("Dask: not installed (pip install distributed)")
-        return
-    begin = time.perf_counter()
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-        out = folder / "bad-dask"
-        done = subprocess.run(words(out, "--scheduler", cluster.scheduler_address), capture_output=True, text=True, check=False)
-        alive = len(cluster.scheduler_info["workers"])
-    told("on a local Dask cluster", out, done, time.perf_counter() - begin)
-    print(f"results equal to those of processes: {results(out) == expected}; workers of the cluster at the end: {alive} of 2")
-    assert results(out) == expected
-    assert alive == 2
 
 
 def keep():

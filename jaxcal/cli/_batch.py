@@ -1,9 +1,7 @@
 """`jaxcal batch`: run one task on many logs."""
 
-import contextlib
 import json
 import os
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -31,18 +29,9 @@ def _positive(name: str, help: str) -> Parameter:
 class FleetRunning:
     """How the command runs."""
 
-    workers: Annotated[
-        int | None, _positive("workers", "Processes, or logs at a time with --scheduler; by default one for each core or thread.")
-    ] = None  # fmt: skip
-    scheduler: Annotated[
-        str | None, Parameter(help="Address of a Dask scheduler, as tcp://host:8786, whose workers see the same paths (extra dask).")
-    ] = None  # fmt: skip
-    timeout: Annotated[
-        float | None, _positive("timeout", "Seconds after which a log is given up; by default 900, and 10 a MB. Not with --scheduler.")
-    ] = None  # fmt: skip
-    memory: Annotated[
-        float | None, _positive("memory", "GB beyond which a log is given up; by default equal shares. Not with --scheduler.")
-    ] = None  # fmt: skip
+    workers: Annotated[int | None, _positive("workers", "Processes; by default one for each core.")] = None
+    timeout: Annotated[float | None, _positive("timeout", "Seconds after which a log is given up; by default 900, and 10 a MB.")] = None
+    memory: Annotated[float | None, _positive("memory", "GB beyond which a log is given up; by default equal shares.")] = None
     each: Annotated[
         bool, Parameter(help="A result for every IMU of a log that holds several (ULog, DataFlash, bags, HDF5), not only for the first.")
     ] = False
@@ -74,8 +63,6 @@ def batch(
 
     if not paths:
         raise CallError("batch needs logs: files, folders or patterns")
-    if (running.timeout is not None or running.memory is not None) and running.scheduler is not None:
-        raise CallError("--timeout and --memory exclude --scheduler: the workers of a cluster cannot be stopped")
     if out.exists() and not out.is_dir():
         raise CallError(f"--out {out}: this is a file; give a folder")
     above = next((folder for folder in (out.absolute(), *out.absolute().parents) if folder.exists()), out)
@@ -92,33 +79,14 @@ def batch(
         raise CallError(f"there are no logs at {', '.join(map(str, paths))}")
     screen = Screen(running.quiet)
     keep_compiled()
-    with _executor(running.scheduler) as (executor, threads), progress(f"{task} of", running.quiet) as move:
+    with progress(f"{task} of", running.quiet) as move:
         fleet = jaxcal.batch.run(
-            list(paths), task, executor=executor, out=out, resume=not running.again, workers=running.workers or threads,
-            options=options, reading=known, timeout=running.timeout,
-            memory=None if running.memory is None else 1e9 * running.memory, progress=move, each=running.each,
+            list(paths), task, out=out, resume=not running.again, workers=running.workers, options=options, reading=known,
+            timeout=running.timeout, memory=None if running.memory is None else 1e9 * running.memory, progress=move, each=running.each,
         )  # fmt: skip
     _show(screen, fleet)
     if not fleet.done:
         raise jaxcal.DataError(f"none of {_logs(len(fleet))} could be answered; the first: {fleet.failed[0].reason}")
-
-
-@contextlib.contextmanager
-def _executor(address: str | None) -> Iterator[tuple[Any, int | None]]:
-    """The executor of a Dask cluster and its number of threads; or (None, None) without an address."""
-    if address is None:
-        yield None, None
-        return
-    try:
-        from distributed import Client  # pyright: ignore[reportMissingImports]
-    except ImportError as error:
-        raise CallError('--scheduler needs Dask: pip install "jaxcal[dask]"') from error
-    try:
-        client: Any = Client(address, timeout=10)
-    except (OSError, ValueError, TimeoutError) as error:
-        raise CallError(f"--scheduler {address}: there is no scheduler ({str(error).strip().splitlines()[0]})") from error
-    with client:
-        yield client.get_executor(), sum(client.ncores().values()) or None
 
 
 def _options(words: tuple[str, ...] | None) -> dict[str, Any]:

@@ -61,7 +61,7 @@ def budget(
     from ..budget._result import GROUPS  # loads NumPy, which help does not need
 
     made = motion in ("rest", "circle", "hand")
-    errors, limit = _numbers("error", error, "gyro.scale=1e-3"), _numbers("require", (require,) if require else (), "heading=1")
+    errors, limit = opt.amounts("--error", ",".join(error), "gyro.scale=1e-3"), opt.amounts("--require", require or "", "heading=1")
     if set(limit) - set(GROUPS):
         raise opt.CallError(f"--require {require}: expected one of {', '.join(GROUPS)}", "require")
     opt.must_exist(source, *([] if made else [Path(motion)]))
@@ -97,14 +97,6 @@ def budget(
         screen.lines(["", *textwrap.wrap(said, 80)])
     screen.lines(things_to_know(told, more="-v", **running.how))
     show_written(screen, list(targets))
-
-
-def _numbers(option: str, words: tuple[str, ...], example: str) -> dict[str, float]:
-    """NAME=NUMBER, each as an entry."""
-    try:
-        return {name: float(value) for name, _, value in (word.partition("=") for word in words)}
-    except ValueError:
-        raise opt.CallError(f"--{option} {' '.join(words)}: expected such as {example}", option) from None
 
 
 def sheet(

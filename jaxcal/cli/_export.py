@@ -11,7 +11,7 @@ import jaxcal
 
 from .._answer import things_to_know
 from ..export._formats import FORMATS, OPTIONS, checked_options
-from ._options import WRITING, CallError, Plain, Reading, must_be_calibration, read_log
+from ._options import WRITING, CallError, Plain, Reading, amounts, must_be_calibration, read_log
 from ._outputs import replaceable, staged
 from ._screen import Screen, show_written
 
@@ -74,8 +74,8 @@ def _write(calibration: list[Path], to: str, out: Path | None, ids: str | None, 
         raise CallError("export needs a calibration, as other commands write it, or --solver", "no_calibration")
     given = ids_of(ids, IDS.get(to, ()))
     options = {name: value for name, value in options.items() if value is not None and value is not False}
-    if "random_walk" in options:
-        options["random_walk"] = _walk(options["random_walk"])
+    if walk := options.get("random_walk"):
+        options["random_walk"] = amounts("--random-walk", walk, "gyro=2e-6") if "=" in walk else None if walk == "none" else walk
     motion, earlier = options.pop("motion", None), options.pop("earlier", None)
     try:
         checked_options(to, options)
@@ -123,13 +123,3 @@ def _with_ids(calibration: Any, ids: dict[str, int], tool: str) -> Any:
     device = dict(calibration.device or {})
     device[tool] = (device[tool] if isinstance(device.get(tool), dict) else {}) | ids
     return eqx.tree_at(lambda one: one.device, calibration, device, is_leaf=lambda x: x is None or x is calibration.device)
-
-
-def _walk(text: str) -> Any:
-    """The value of --random-walk: a word, or numbers as SENSOR=NUMBER,..."""
-    if "=" not in text:
-        return None if text == "none" else text
-    try:
-        return {sensor: float(value) for sensor, _, value in (word.partition("=") for word in text.split(","))}
-    except ValueError:
-        return text

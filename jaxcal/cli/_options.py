@@ -267,6 +267,14 @@ def numbers(option: str, text: str, such: str) -> list[float]:
         raise CallError(f"{option} {text}: expected numbers with commas between them, such as {such}") from None
 
 
+def amounts(option: str, text: str, such: str) -> dict[str, float]:
+    """Parse NAME=NUMBER,..."""
+    try:
+        return {name: float(value) for name, _, value in (word.partition("=") for word in text.split(",") if word)}
+    except ValueError:
+        raise CallError(f"{option} {text}: expected such as {such}", option.strip("-")) from None
+
+
 def day(text: str) -> datetime.date:
     """Parse the day in --date, as year-month-day.
 

@@ -1,6 +1,5 @@
 """`jaxcal batch`."""
 
-import importlib.util
 import json
 
 import numpy as np
@@ -44,14 +43,3 @@ def test_a_fleet_is_answered_and_what_failed_is_told(call, folder, logs):
     quiet = call("batch", "logs/bad.csv", "--task", "allan", "--out", "out", "--set", "kind=mdev", "--set", "m=[1,10,100]", "--quiet")
     assert (quiet.status, quiet.out) == (1, "")
     assert quiet.reason.startswith("jaxcal: none of 1 log could be answered; the first: bad.csv: there are no rows")
-
-
-def test_a_scheduler_that_is_not_there_or_no_dask_is_status_2(call, logs, monkeypatch):
-    found = call("batch", "logs", "--out", "out", "--scheduler", "nonsense://127.0.0.1:1")
-    assert found.status == 2
-    wanted = "there is no scheduler" if importlib.util.find_spec("distributed") else 'pip install "jaxcal[dask]"'
-    assert wanted in found.reason
-    monkeypatch.setitem(__import__("sys").modules, "distributed", None)
-    found = call("batch", "logs", "--out", "out", "--scheduler", "tcp://127.0.0.1:1")
-    assert found.status == 2
-    assert 'pip install "jaxcal[dask]"' in found.reason

@@ -112,7 +112,6 @@ batch rest.csv --task fly --out fleet      | Choose from: "noise", "mag"
 batch rest.csv --out fleet --set a         | expected NAME=VALUE, such as confidence=0.9
 batch rest.csv --out fleet --set gravity=9.8 | task 'noise' has no option gravity
 batch rest.csv --out fleet --workers 0     | a number above 0
-batch rest.csv --out fleet --scheduler tcp://127.0.0.1:1 --timeout 3 | exclude --scheduler
 device rest.csv                            | needs accelerometer, gyroscope and magnetometer in one log
 north table.csv --latitude 35 --plot a.txt | ends in
 export device.json --to kalibr --random-walk much | --random-walk much: expected
