@@ -25,7 +25,7 @@ def composed(new: Any, old: Any) -> dict[str, Any]:
     parts = {**_parts(old), **_parts(new)}
     if _parts(old) and _parts(new):
         for sensor, part in (*_parts(old).items(), *_parts(new).items()):
-            _only_plain(part, f"imu.{sensor}", "a composition")
+            _only_plain(part, f"imu.{sensor}")
         models = _triads(m @ n, b + m @ c)
         parts = {sensor: Part(models[sensor], part.unit) for sensor, part in parts.items()}
         known = {sensor: _carried(new, old, sensor, m, part.parameters) for sensor, part in parts.items()}
@@ -52,11 +52,11 @@ def _triads(matrix: AnyArray, bias: AnyArray) -> dict[str, Triad]:
     return {"accel": Triad(matrix[:3, :3], bias[:3]), "gyro": Triad(matrix[3:, 3:], bias[3:], matrix[3:, :3])}
 
 
-def _only_plain(part: Part[Any] | None, what: str, wish: str) -> None:
+def _only_plain(part: Part[Any] | None, what: str) -> None:
     """Raise a `DataError` for a model with fields of its own, whose composition and inverse are unknown here."""
     if part is not None and type(part.model) is not part.base:
         own = ", ".join(part.further) or "a formula of its own"
-        said = f"{type(part.model).__name__} of {what} has {own}; {wish} is known of {part.base.__name__} alone: correct in two steps"
+        said = f"{type(part.model).__name__} of {what} has {own}; composition is of {part.base.__name__} alone: correct in two steps"
         raise DataError(said, code="own_model")
 
 
@@ -84,7 +84,7 @@ def _magnetometer(new: Part[MagModel] | None, old: Part[MagModel] | None) -> Par
     if new is None or old is None:
         return new if old is None else old
     for part in (old, new):
-        _only_plain(part, "the magnetometer", "a composition")
+        _only_plain(part, "the magnetometer")
     s, known = old.model.soft_iron, None
     model = MagModel(s @ new.model.soft_iron, old.model.hard_iron + s @ new.model.hard_iron)
     names = (*HARD, *SOFT, "field")

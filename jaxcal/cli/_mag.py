@@ -265,17 +265,12 @@ def _fit(log: Any, align: str, options: dict[str, Any], given: Shots, flight: An
     tried_on = held if given.held.any() else kept & np.isfinite(given.headings) if given.headings is not None else held
     if tried_on.any() and found.kind != "planar":
         known = None if given.headings is None else given.headings[tried_on]
-        mag = _without(found, log.mag, given.currents)
+        mag = log.mag
+        for name, values in given.currents.items():  # readings without the fields of the currents that the fit has found
+            mag = mag - values[:, None] * [[found.estimate[f"currents.{name}[{i}]"].value for i in range(3)]]
         seen = jaxcal.magnetometer.check(found, mag[tried_on], accel=None if up is None else up[tried_on], headings=known)
         found = replaced(found, check=seen, findings=(*found.findings, *seen.findings))
     return found
-
-
-def _without(found: Any, m: Any, currents: dict[str, Any]) -> Any:
-    """Readings (n, 3) without the fields of the currents that a fit has found."""
-    for name, values in currents.items():
-        m = m - values[:, None] * [[found.estimate[f"currents.{name}[{i}]"].value for i in range(3)]]
-    return m
 
 
 def _conditions(temperature: Any) -> dict[str, Any]:
