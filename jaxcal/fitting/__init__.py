@@ -17,5 +17,4 @@ from ._loss_and_prior import (
     Gaussian as Gaussian,
     Huber as Huber,
 )
-from ._profile import Interval as Interval, profile_interval as profile_interval
 from ._result import Fit as Fit, Outcome as Outcome, identifiability as identifiability

@@ -112,7 +112,7 @@ def intervals(
     Returns
     -------
     (p, 2) lower and upper ends in the order of `fit.names`, in the units of the parameters. The interval of a parameter at its bound has
-    zero length; use `profile_interval` there.
+    zero length.
 
     Examples
     --------

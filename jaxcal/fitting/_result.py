@@ -65,7 +65,7 @@ class Fit(eqx.Module, Generic[M]):
     effective : number of parameters that the data determine: the free ones minus the part that the priors determine (sum of the leverage).
     names : one name per free parameter.
     robust : whether a loss was used.
-    problem : the problem that was solved, for `profile_interval`; None for one fit out of many.
+    problem : the problem that was solved, for a jackknife; None for one fit out of many.
 
     Examples
     --------

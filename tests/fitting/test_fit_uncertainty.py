@@ -9,10 +9,8 @@ import scipy.optimize
 import scipy.signal
 import scipy.stats
 
-from jaxcal.fitting import Outcome, covariance, identifiability, information, intervals, profile_interval, solve, solve_many
+from jaxcal.fitting import covariance, identifiability, information, intervals, solve, solve_many
 from jaxcal.fitting._result import leverage
-
-from . import problems as p
 
 
 def line(model, data):
@@ -133,68 +131,6 @@ def test_covariance_has_a_derivative_where_singular_values_are_equal():
         return covariance(solve(line, jnp.zeros(2), {"design": design * size, "y": np.ones(40), "sigma": 1.0}))[0, 0]
 
     np.testing.assert_allclose(jax.jit(jax.grad(variance))(2.0), -2 / 20 / 8, rtol=1e-10)
-
-
-def test_profile_of_a_linear_model_is_the_covariance():
-    fit = solve(line, np.zeros(2), line_data())
-    for i, name in enumerate(fit.names):
-        reach = scipy.stats.norm.ppf(0.95) * float(covariance(fit)[i, i] ** 0.5)
-        interval = profile_interval(fit, name, confidence=0.9)
-        np.testing.assert_allclose([interval.low, interval.high], [fit.parameters[i] - reach, fit.parameters[i] + reach], rtol=1e-5)
-        reach = scipy.stats.t.ppf(0.95, 38) * float(covariance(fit, scaled=True)[i, i] ** 0.5)
-        interval = profile_interval(fit, name, confidence=0.9, scaled=True)
-        np.testing.assert_allclose([interval.low, interval.high], [fit.parameters[i] - reach, fit.parameters[i] + reach], rtol=1e-5)
-
-
-def growth(model, data):
-    return (model["top"] * (1 - jnp.exp(-model["speed"] * data["x"])) - data["y"]) / 0.1
-
-
-GROWTH = {"x": np.array([0.5, 1.0, 1.5, 2.0, 2.5, 3.0]), "y": np.array([0.42, 0.85, 0.99, 1.32, 1.39, 1.6])}
-
-
-def test_profile_of_a_curved_model(refuses):
-    fit = solve(growth, {"top": 2.0, "speed": 0.5}, GROWTH).checked()
-
-    def excess(speed):
-        # the model is linear in top, whose best value for a given speed has a closed form
-        shape = 1 - np.exp(-speed * GROWTH["x"])
-        top = shape @ GROWTH["y"] / (shape @ shape)
-        return np.sum(((top * shape - GROWTH["y"]) / 0.1) ** 2) - 2 * float(fit.cost) - scipy.stats.chi2.ppf(0.95, 1)
-
-    best = float(fit.model["speed"])
-    interval = profile_interval(fit, "speed")
-    np.testing.assert_allclose(interval.low, scipy.optimize.brentq(excess, 1e-3, best), rtol=1e-5)
-    np.testing.assert_allclose(interval.high, scipy.optimize.brentq(excess, best, 5), rtol=1e-5)
-    assert interval.high - best > 1.05 * (best - interval.low)
-    with refuses("no_parameter"):
-        profile_interval(fit, "slope")
-
-
-def test_profile_at_a_bound_and_without_limit():
-    data = p.noise_data((1e-4, 1e-2, 0.0, 0.0))
-    fit = solve(p.noise, p.Coefficients(*[1.0] * 4), data, bounds=(0.0, np.inf))
-    held = [name for name, at in zip(fit.names, fit.at_bound, strict=True) if at]
-    assert held
-    for name in held:
-        interval = profile_interval(fit, name)
-        assert interval.low == 0
-        assert 0 < interval.high < 1e-3
-    flat = solve(growth, {"top": 2.0, "speed": 0.5}, {"x": GROWTH["x"][:3], "y": GROWTH["y"][:3]})
-    interval = profile_interval(flat, "top")  # the curvature of three points is too small to bound their limit
-    assert 0 < interval.low < flat.model["top"]
-    assert interval.high == np.inf
-
-
-def two_wells(model, _):
-    return jnp.stack([(model["a"] ** 2 - 4) / 2, (model["a"] - 2) / 3])
-
-
-def test_a_better_fit_on_the_way_is_not_kept_quiet(refuses):
-    fit = solve(two_wells, {"a": -2.5})
-    assert fit.outcome == Outcome.converged
-    with refuses("better_fit"):
-        profile_interval(fit, "a", confidence=0.95)
 
 
 def test_identifiability_names_the_weak_direction():

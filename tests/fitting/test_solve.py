@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 
-from jaxcal.fitting import Cauchy, Outcome, covariance, identifiability, profile_interval, solve, solve_many
+from jaxcal.fitting import Cauchy, Outcome, covariance, identifiability, intervals, solve, solve_many
 
 from . import problems as p
 
@@ -29,7 +29,7 @@ def decay_data(size=2.0, speed=0.7, floor=0.1, seed=0):
 def test_new_values_never_compile_again():
     def everything(seed, size, lower, scale):
         fit = solve(decay, {**START, "size": size}, decay_data(seed=seed), bounds=(lower, np.inf), loss=Cauchy(scale)).checked()
-        return profile_interval(fit, "speed")
+        return intervals(fit, "jackknife")
 
     everything(0, 1.0, 0.0, 2.0)
     count = len(TRACES)
