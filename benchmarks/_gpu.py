@@ -1,4 +1,4 @@
-"""The kernels on a GPU, if there is one: time, and share of the memory bandwidth that a copy reaches in the same run."""
+"""The kernel on a GPU, if there is one: time, and share of the memory bandwidth that a copy reaches in the same run."""
 
 import time
 
@@ -6,8 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxcal.allan._kernels._difference_sums import block_sums, direct_sums
-from jaxcal.allan._kernels._phase import BLOCK, padded_length
+from jaxcal.allan._kernels._difference_sums import direct_sums
+from jaxcal.allan._kernels._phase import padded_length
 
 
 def _seconds(function):
@@ -21,7 +21,7 @@ def _seconds(function):
 
 
 def bandwidth(samples=10**7):
-    """Time both kernels for the overlapping Allan variance in float64 at octaves; each difference reads three times 8 bytes."""
+    """Time the overlapping Allan variance in float64 at octaves; each difference reads three times 8 bytes."""
     if jax.default_backend() != "gpu":
         print(f"no GPU: the backend is {jax.default_backend()}; nothing measured")
         return
@@ -32,17 +32,11 @@ def bandwidth(samples=10**7):
         m = 2 ** np.arange(int(np.log2(samples // 2)) + 1)
         count = samples - 2 * m + 1
         moved = 3 * 8 * int(count.sum())
-        arguments = ((theta,), None, jnp.asarray(m), jnp.asarray(count))
-        blocks = jnp.asarray(0), jnp.asarray(-(-int(count[0]) // BLOCK)), jnp.asarray(0)
-        common = {"order": 2, "rule": "none"}
-        for name, run in (
-            ("block_sums", lambda: block_sums(*arguments, *blocks, **common)),
-            ("direct_sums", lambda: direct_sums(*arguments, 0, strided=False, **common)),
-        ):
-            seconds = _seconds(run)
-            share = moved / seconds / ceiling
-            print(f"{jax.devices()[0].device_kind}: {name} {len(m)} cluster sizes of {samples} samples in {seconds:.4f} s, ", end="")
-            print(f"{moved / seconds / 1e9:.0f} GB/s, {100 * share:.0f} % of a copy's {ceiling / 1e9:.0f} GB/s", flush=True)
+        arguments = ((theta,), None, jnp.asarray(m), jnp.asarray(count), 0)
+        seconds = _seconds(lambda: direct_sums(*arguments, order=2, strided=False, rule="none"))
+        share = moved / seconds / ceiling
+        print(f"{jax.devices()[0].device_kind}: {len(m)} cluster sizes of {samples} samples in {seconds:.4f} s, ", end="")
+        print(f"{moved / seconds / 1e9:.0f} GB/s, {100 * share:.0f} % of a copy's {ceiling / 1e9:.0f} GB/s", flush=True)
 
 
 if __name__ == "__main__":

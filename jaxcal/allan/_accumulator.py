@@ -319,23 +319,11 @@ class Accumulator(eqx.Module):
         """Noise types at the cluster sizes of the plan, (sizes, channels)."""
         if self.alpha is not None:
             return np.full((len(self._plan), self.channels), float(self.alpha))
-        found, carried = [], np.zeros(self.channels)
+        found, carried, kind = [], np.zeros(self.channels), find_kind(self.kind)
         for size, marks in zip(self._plan.tolist(), taken.marks, strict=True):
-            carried = np.array([self._noise_type(size, marks, c, taken.samples, carried[c]) for c in range(self.channels)])
+            carried = np.array([_noise_type(kind, size, marks, c, taken.samples, carried[c]) for c in range(self.channels)])
             found.append(carried)
         return np.stack(found)
-
-    def _noise_type(self, size: int, marks: Points, c: int, samples: int, carried: float) -> float:
-        kind, averages, phase, lost = find_kind(self.kind), marks.number - 1, marks.phase[c], marks.lost[c]
-        gaps = lost if averages > 0 and lost[-1] > lost[0] else None
-        if averages < fewest_averages(kind):
-            return carried
-        if averages < FEWEST:
-            weight = None if gaps is None else (lost[1:] == lost[:-1]).astype(np.float64)
-            return noise_type_of_ratio(np.diff(phase), weight, size, kind, samples, carried)
-        if np.count_nonzero(lost[1:] == lost[:-1]) >= FEWEST:
-            return identify(phase, gaps, np.ones(1, np.int64), kind, averages, "rate")[0]
-        return carried
 
     def _findings(self, begun: np.ndarray, kept: np.ndarray, alive: np.ndarray) -> Iterator[Finding]:
         tau, dropped = self._plan / self.rate, np.isin(self._plan, self._dropped)
@@ -346,6 +334,19 @@ class Accumulator(eqx.Module):
             yield FINDINGS("not_followed", tau=times(tau[dropped]))
         for c in np.flatnonzero(~alive):
             yield FINDINGS("empty", f"channel {c}")
+
+
+def _noise_type(kind: Kind, size: int, marks: Points, c: int, samples: int, carried: float) -> float:
+    averages, phase, lost = marks.number - 1, marks.phase[c], marks.lost[c]
+    gaps = lost if averages > 0 and lost[-1] > lost[0] else None
+    if averages < fewest_averages(kind):
+        return carried
+    if averages < FEWEST:
+        weight = None if gaps is None else (lost[1:] == lost[:-1]).astype(np.float64)
+        return noise_type_of_ratio(np.diff(phase), weight, size, kind, samples, carried)
+    if np.count_nonzero(lost[1:] == lost[:-1]) >= FEWEST:
+        return identify(phase, gaps, np.ones(1, np.int64), kind, averages, "rate")[0]
+    return carried
 
 
 def _let_go(source: Any) -> None:

@@ -208,7 +208,7 @@ def _missing(column, name: str):
 def _uncertainty(noise, count, expected, sizes, statistic: Kind, samples, confidence: float, xp):
     """The edf and the interval factors; in a trace, the factors are read from a table."""
     if xp is np and len(sizes) <= MANY and (count == expected).all():
-        return known_uncertainty(sizes, noise, statistic, samples, confidence)
+        return known_uncertainty(sizes.tobytes(), noise.tobytes(), noise.shape[1], statistic, samples, confidence)
     edf = xp.asarray(degrees_of_freedom(sizes[:, None], noise, statistic, samples), dtype=expected.dtype if xp is jnp else float)
     edf = xp.maximum(edf * (count / expected), 1.0)
     if xp is np:
@@ -261,7 +261,8 @@ def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: 
     """The sums, counts and noise types of a record on the host."""
     ascending, back, number = _arranged(sizes.tobytes(), samples, statistic)
     channels = columns.shape[1]
-    if samples < IN_CACHE and len(sizes) <= MANY and data == "rate" and statistic.overlapped:
+    near = samples < IN_CACHE and len(sizes) <= MANY and jax.default_backend() == "cpu"
+    if near and data == "rate" and statistic.overlapped:
         length, sums = padded_length(samples if statistic.modified else IN_CACHE - 1), []
         noise = np.full((len(sizes), channels), np.nan if alpha is None else float(alpha))
         for index, column in enumerate(columns.T):
@@ -330,4 +331,4 @@ def _prepare(column, name: str, statistic: Kind, rate: float, data: str, samples
         held *= rate
     theta = jax.device_put(buffer, may_alias=True)
     summed = running_sum_of_phase(theta) if statistic.modified else (theta,)
-    return summed, held, marks, missing, rule, np.int64(less)
+    return summed, held, marks, missing, rule, less

@@ -1,6 +1,7 @@
 """The statistics by name: which differences they average, how many differences there are, and how they are scaled."""
 
 import dataclasses
+import functools
 
 import numpy as np
 
@@ -57,6 +58,7 @@ def difference_weights(order: int) -> np.ndarray:
     return np.diff(np.eye(order + 1), order, axis=0)[0]
 
 
+@functools.cache
 def autocorrelation(order: int) -> np.ndarray:
     """Weights of the lags 0, 1, ... in the square of such a difference, such as 20, -15, 6, -1."""
     own = difference_weights(order)

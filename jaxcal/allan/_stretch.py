@@ -11,16 +11,15 @@ points are kept in it, for a stretch that comes before. In the second frame the 
 latest piece. Where two stretches meet, the last points of one and the first of the other give the differences across their border.
 """
 
-import dataclasses
 import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._arrays import running_sum
 from .._errors import DataError
 from ._kernels._phase import BLOCK, aligned, running_sum_of_phase
 from ._kernels._route import by_blocks
@@ -69,7 +68,7 @@ class Level(NamedTuple):
     count: np.ndarray  # (sizes, channels) number of differences that touch no gap
 
 
-class Stretch(eqx.Module):
+class Stretch(NamedTuple):
     """The stored data of a stretch of samples; channels are the first axis, except in tables by cluster size."""
 
     start: int | None  # position of its first sample, None if unknown
@@ -169,8 +168,8 @@ def lengthened(kind: Kind, m: np.ndarray, old: Stretch, samples: np.ndarray, run
         if marks[i].number <= POINTS:
             new, step = arrived(int(m[i]))
             marks[i] = _further(marks[i], new, POINTS + 1, old.net, drift, step, old.lost)
-    return dataclasses.replace(
-        old, samples=old.samples + width, present=old.present + width - gone, first_mean=first_mean, mean=mean,
+    return old._replace(
+        samples=old.samples + width, present=old.present + width - gone, first_mean=first_mean, mean=mean,
         net=old.net + net + drift * width, levels=tuple(levels), marks=tuple(marks),
     )  # fmt: skip
 
@@ -198,7 +197,7 @@ def _integrated(samples: np.ndarray, phase: np.ndarray, lost: np.ndarray, old: S
         np.cumsum(missing, out=lost[1:])
     x -= mean
     phase[0] = 0.0
-    np.cumsum(x, out=x)
+    running_sum(x)
     return mean
 
 
@@ -207,7 +206,7 @@ def _by_kernel(kind: Kind, m, number, tail: Points, new: Points, over: Callable,
 
     The points are laid out in reverse order of time, so that the kernel finds its starting points at the front.
     """
-    length = -(-(PIECE + int(reach_of(kind, m[-1])) + BLOCK) // (4 * BLOCK)) * 4 * BLOCK  # few lengths, so that few programs are compiled
+    length = -(-(PIECE + int(reach_of(kind, m[-1])) + BLOCK) // (64 * BLOCK)) * 64 * BLOCK  # few lengths, so that few programs are compiled
     before = slice(new.number, new.number + tail.number)
 
     def channel(c: int):
@@ -221,7 +220,7 @@ def _by_kernel(kind: Kind, m, number, tail: Points, new: Points, over: Callable,
             theta = jax.device_put(buffer, may_alias=True)
             parts = running_sum_of_phase(theta) if kind.modified else (theta,)
             rule = "none" if missing is None else "span"
-            return by_blocks(parts, missing, m, number, np.int64(kind.modified), kind, rule, workers, within)
+            return by_blocks(parts, missing, m, number, int(kind.modified), kind, rule, workers, within)
 
     if not number.any():
         return 0.0, 0

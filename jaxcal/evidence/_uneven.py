@@ -85,18 +85,21 @@ def unevenness(values: np.ndarray, order: int = 1) -> Unevenness:
     if count < _FEWEST:
         return Unevenness(0.0, None)
     parts = np.diff(values[: len(values) // count * count].reshape(count, -1)[:, :_USED], order)
-    energy = np.einsum("ij,ij->i", parts, parts)
+    energy = np.vecdot(parts, parts)
     # where the step of the values hides the noise, the level of the readings decides how often they change
-    if np.mean(parts == 0.0) > HIDDEN or not (mean := energy.mean()) > 0.0:
+    if np.count_nonzero(parts == 0.0) > HIDDEN * parts.size or not (mean := energy.mean()) > 0.0:
         return Unevenness(0.0, None)
     energy /= mean
-    own = float(np.mean(np.diff(energy) ** 2)) / 2.0  # variance of a short part
+    steps = energy[1:] - energy[:-1]
+    own = float(steps @ steps) / (2.0 * len(steps))  # variance of a short part
     variance, named = 0.0, False
     for blocks in BLOCKS:
-        level = energy.reshape(blocks, -1).mean(axis=1)
-        factor = float(np.var(level, ddof=1)) / max(own * blocks / count, np.finfo(float).tiny)
+        level = energy.reshape(blocks, -1).mean(axis=1) - 1.0
+        factor = float(level @ level) / (blocks - 1.0) / max(own * blocks / count, np.finfo(float).tiny)
         freedom = 1.0 / (1.0 / (blocks - 1.0) + 1.5 / count)  # the squared differences of neighbours are worth two thirds of their number
         if is_named(factor, freedom):
             variance, named = max(variance, (factor - 1.0) * own / count), True
+    if not named:
+        return Unevenness(0.0, None)
     loudest = int(np.argmax(energy.reshape(BLOCKS[0], -1).sum(axis=1)))
-    return Unevenness(variance, (loudest / BLOCKS[0], (loudest + 1) / BLOCKS[0]) if named else None)
+    return Unevenness(variance, (loudest / BLOCKS[0], (loudest + 1) / BLOCKS[0]))

@@ -116,7 +116,7 @@ def test_a_hundred_lengths_compile_once():
     for n in lengths:
         jaxcal.allan.deviation(record[: n + 1], RATE)
         jaxcal.allan.deviation(record[: n + 1], RATE, m=np.arange(1, 1 + n % 300))
-    assert compiled == ["jit(cached_sums)"]
+    assert compiled == ["jit(block_sums)"]
 
 
 @pytest.mark.parametrize(

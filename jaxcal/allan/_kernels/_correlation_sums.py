@@ -18,7 +18,7 @@ import scipy  # loads its parts when they are first used
 
 from ..._types import Any
 from .._kinds import Kind, autocorrelation, difference_weights
-from ._phase import IN_CACHE, LANE
+from ._phase import BLOCK, IN_CACHE
 
 _STEP = 2  # number of doublings from the smallest to the largest cluster size of a range that shares its windows
 _RATIO = 4  # ratio of the starting points of a window to the largest cluster size
@@ -120,9 +120,9 @@ def _remove_polynomial(z, degree: int) -> None:
 def _running_sum(z) -> np.ndarray:
     """Sum of the values before each point, (windows, points + 1), in two steps; rounding then grows with the root of a row's length."""
     windows, points = z.shape
-    rows = -(-points // LANE)
-    total = np.zeros((windows, rows * LANE + 1))
-    inside = total[:, 1:].reshape(windows, rows, LANE)  # a view of `total`
+    rows = -(-points // BLOCK)
+    total = np.zeros((windows, rows * BLOCK + 1))
+    inside = total[:, 1:].reshape(windows, rows, BLOCK)  # a view of `total`
     total[:, 1 : points + 1] = z
     np.cumsum(inside, axis=2, out=inside)
     inside[:, 1:] += np.cumsum(inside[:, :-1, -1], axis=1)[:, :, None]

@@ -8,12 +8,10 @@ from jax import lax
 from ..._arrays import running_sum
 from ..._types import Array, Float
 
-#: number of starting points processed at a time, and padding of every record
-BLOCK = 16384
+#: number of starting points that all cluster sizes visit in turn, and padding of every record; they stay in the first-level cache
+BLOCK = 1024
 #: number of points that stay in the second-level cache (2 MB)
 IN_CACHE = 1 << 18
-#: number of points of one vector operation, and of those added one after another; they stay in the first-level cache
-LANE = 4096
 _ROW = 32  # points of a row of the running sum of phase, within which it is split exactly
 
 

@@ -1,19 +1,17 @@
 """Choose how to compute the sums of a record: block by block, from correlations, or strided."""
 
-import functools
 import itertools
 import os
 from collections.abc import Callable
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from ..._errors import DataError
 from .._kinds import MANY, Kind
 from .._noise_type._segments import Segments, steps
 from ._correlation_sums import LARGEST_ERROR, correlation_sums
-from ._difference_sums import block_sums, cached_sums
+from ._difference_sums import block_sums, direct_sums
 from ._phase import BLOCK, IN_CACHE, running_sum_of_phase
 
 #: number of differences above which a second thread saves more time than it costs
@@ -59,16 +57,10 @@ def sums_in_cache(theta, sizes, number, kind: Kind) -> Callable[[], np.ndarray]:
     One compiled program serves every length and every number of cluster sizes, because both are data. theta is the padded phase.
     """
     # a compiled function reads an aligned array in place, and `device_put` would take longer than the call
-    phase = running_sum_of_phase(theta) if kind.modified else (theta,)
-    sums = cached_sums(phase, *_placed(sizes.tobytes(), number.tobytes()), order=kind.difference)
+    parts = running_sum_of_phase(theta) if kind.modified else (theta,)
+    span = np.array([0, -(-int(number[0]) // BLOCK)])
+    sums = block_sums(parts, None, *filled(sizes, number, MANY), span, order=kind.difference)[0]
     return lambda: np.asarray(sums)[: len(sizes)]
-
-
-@functools.lru_cache(maxsize=64)
-def _placed(sizes: bytes, number: bytes) -> tuple[jax.Array, ...]:
-    """Cluster sizes and numbers of differences, as the program takes them; records of one length share them."""
-    m, count = (np.frombuffer(held, np.int64) for held in (sizes, number))
-    return tuple(jnp.asarray(array) for array in filled(m, count, MANY))
 
 
 def by_blocks(parts, missing, sizes, number, less, kind: Kind, rule: str, workers: int, run) -> tuple[np.ndarray, np.ndarray]:
@@ -100,7 +92,10 @@ def filled(m, count, rows: int):
     return np.concatenate([m, np.full(extra, m[-1])]), np.concatenate([count, np.zeros(extra, count.dtype)])
 
 
-def _group(parts, missing, sizes, number, less, kind: Kind, rule: str, workers: int, run):
+def _group(parts, missing, sizes, number, less: int, kind: Kind, rule: str, workers: int, run):
+    options = {"order": kind.difference, "rule": rule, "less": less}
+    if jax.default_backend() != "cpu":  # a graphics card would start each block of each cluster size by itself
+        return [np.asarray(found) for found in direct_sums(parts, missing, sizes, number, strided=False, **options)]
     blocks = -(-int(number[0]) // BLOCK)
     edges = [0, blocks]
     if workers > 1:
@@ -111,15 +106,11 @@ def _group(parts, missing, sizes, number, less, kind: Kind, rule: str, workers: 
 
     def part(span):
         with jax.enable_x64(True):  # thread-local
-            sums = block_sums(
-                parts, missing, sizes, number, np.int64(span[0]), np.int64(span[1]), less,
-                order=kind.difference, rule=rule,
-            )  # fmt: skip
-            return [np.asarray(s) for s in sums]
+            return [np.asarray(found) for found in block_sums(parts, missing, sizes, number, np.array(span), **options)]
 
     found = list(run(part, itertools.pairwise(edges)))
-    total, count = (np.sum(values, axis=0) for values in zip(*found, strict=True))
-    return total, count
+    total, *valid = (np.sum(values, axis=0) for values in zip(*found, strict=True))
+    return total, valid[0].astype(np.int64) if valid else number
 
 
 def strided_sums(theta, marks, rule: str, sizes, number, order: int) -> tuple[np.ndarray, np.ndarray]:

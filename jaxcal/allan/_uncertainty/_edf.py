@@ -206,21 +206,16 @@ def interval_factors(edf, confidence: float) -> tuple[Float[np.ndarray, "..."], 
     return low, high
 
 
-def known_uncertainty(sizes, alpha, kind: Kind, samples: int, confidence: float) -> Float[np.ndarray, "3 clusters channels"]:
-    """The edf and both interval factors of a record without gaps, at (clusters,) sizes and (clusters, channels) types.
-
-    They depend on the length of the record and not on its samples, so records of one length share them.
-    """
-    out, held = np.empty((3, *alpha.shape)), sizes.tobytes()
-    for one in {*alpha.ravel().tolist()}:
-        out = np.where(alpha == one, _of_type(held, one, kind, samples, confidence), out)
-    return out
-
-
 @functools.lru_cache(maxsize=256)
-def _of_type(sizes: bytes, alpha: float, kind: Kind, samples: int, confidence: float) -> Float[np.ndarray, "3 clusters 1"]:
-    edf = degrees_of_freedom(np.frombuffer(sizes, np.int64), alpha, kind, samples)
-    return np.stack([edf, *interval_factors(edf, confidence)])[:, :, None]
+def known_uncertainty(
+    sizes: bytes, alpha: bytes, channels: int, kind: Kind, samples: int, confidence: float
+) -> Float[np.ndarray, "3 clusters channels"]:
+    """The edf and both interval factors of a record without gaps, at the sizes and (clusters, channels) types held in these bytes.
+
+    They depend on the length of the record and the types, not on its samples.
+    """
+    edf = degrees_of_freedom(np.frombuffer(sizes, np.int64)[:, None], np.frombuffer(alpha).reshape(-1, channels), kind, samples)
+    return np.stack([edf, *interval_factors(edf, confidence)])
 
 
 def _tails(confidence: float) -> tuple[float, float]:
