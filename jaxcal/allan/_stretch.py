@@ -106,7 +106,10 @@ def rounded(m: np.ndarray, kind: Kind, exact: int) -> np.ndarray:
 
 @functools.cache
 def _divisor(number: int, most: int) -> int:
-    """Largest divisor that does not exceed `most`."""
+    """Largest divisor that does not exceed `most`, or a power of two above half of it, which many cluster sizes share."""
+    step = 1 << max(most, 1).bit_length() - 1
+    if number % step == 0:
+        return step
     root = np.arange(1, int(number**0.5) + 1)
     small = root[number % root == 0]
     both = np.concatenate([small, number // small])
@@ -135,39 +138,51 @@ def new_stretch(m: np.ndarray, stride: np.ndarray, channels: int, start: int | N
 
 
 def lengthened(kind: Kind, m: np.ndarray, old: Stretch, samples: np.ndarray, run: Callable, workers: int) -> Stretch:
-    """The stretch with up to PIECE more samples, (w, channels); `run` maps a function over channels, or over parts of a single one."""
+    """The stretch with up to PIECE more samples, (w, channels); `run` maps a function over channels, or over parts of a single one.
+
+    The phase is laid out in reverse order of time, so that the kernel finds the starting points of the new differences at the front.
+    """
     width, channels = samples.shape
     over, within = (run, map) if channels > 1 else (map, run)
-    phase, lost = np.empty((channels, width + 1)), np.zeros((channels, width + 1), np.int32)
-    mean = np.array(list(over(lambda c: _integrated(samples[:, c], phase[c], lost[c], old, c), range(channels))))
-    gone, now, net = lost[:, -1].astype(np.int64), old.origin + old.samples, phase[:, -1]
+    reaches = [reach_of(kind, level.steps) for level in old.levels]
+    length = PIECE + BLOCK + (int(reaches[0][-1]) if old.levels[0].stride == 1 else 0)
+    length += -length % (64 * BLOCK)  # few lengths, so that few programs are compiled
+    # phase at the end minus phase, which are arbitrary beyond the points; and number of missing samples before each point, in order of time
+    back = aligned(channels * length).reshape(channels, length)
+    lost = np.zeros((channels, width + 1), np.int32)
+    mean = np.array(list(over(lambda c: _integrated(samples[:, c], back[c], lost[c], old, c), range(channels))))
+    gone, now, net = lost[:, -1].astype(np.int64), old.origin + old.samples, back[:, width].copy()
     first_mean = np.where(old.present > 0, old.first_mean, mean)
     tilt, drift = old.mean - mean, mean - first_mean
 
-    def arrived(stride: int) -> tuple[Points, np.ndarray]:
-        """New points at multiples of a stride, and how far they are from the end before."""
-        new = slice(-now % stride or stride, width + 1, stride)
-        return Points(phase[:, new], lost[:, new]), np.arange(new.start, width + 1, stride)
+    def multiples(stride: int) -> range:
+        return range(-now % stride or stride, width + 1, stride)
+
+    def points(at: range) -> Points:
+        where = slice(at.start, at.stop, at.step)
+        return Points(net[:, None] - back[:, width::-1][:, where], lost[:, where])
+
+    def further(head: Points, at: range, most: int) -> Points:
+        some = at[: max(most - head.number, 0)]
+        return _further(head, points(some), most, old.net, drift, np.array(some), old.lost) if some else head
 
     levels = []
-    for level in old.levels:
-        (new, step), reach = arrived(level.stride), reach_of(kind, level.steps)
-        longest, held = int(reach[-1]), level.tail.number
+    for level, reach in zip(old.levels, reaches, strict=True):
+        at, longest, held = multiples(level.stride), int(reach[-1]), level.tail.number
         tail = level.tail.moved(0 * tilt, tilt, (now // level.stride - np.arange(held)[::-1]) * level.stride - now, 0 * gone)
-        number = np.clip(held + new.number - reach, 0, new.number)
+        number = np.clip(held + len(at) - reach, 0, len(at))
         if level.stride == 1:
-            squares, count = _by_kernel(kind, level.steps, number, tail, new, over, within, 1 if channels > 1 else workers)
+            back[:, width : width + held] = net[:, None] - tail.phase[:, ::-1]
+            squares, count = _by_kernel(kind, level.steps, number, back, tail.lost, lost, over, within, 1 if channels > 1 else workers)
         else:
-            squares, count = _by_slices(kind, level.steps, tail.followed(new), held + new.number - number - reach, number)
-        last = new if new.number >= longest else tail.followed(new)
+            squares, count = _by_slices(kind, level.steps, tail.followed(points(at)), held + len(at) - number - reach, number)
+        last = points(at[-longest:]) if len(at) >= longest else tail.followed(points(at))
         last = last.cut(slice(max(last.number - longest, 0), None)).moved(-net, 0 * net, 0, -gone)
-        head = _further(level.head, new, longest, old.net, drift, step, old.lost)
+        head = further(level.head, at, longest)
         levels.append(Level(level.stride, level.steps, head, last, level.squares + squares, level.count + count))
     marks = list(old.marks)
     for i in np.flatnonzero(m - now % m <= width).tolist():
-        if marks[i].number <= POINTS:
-            new, step = arrived(int(m[i]))
-            marks[i] = _further(marks[i], new, POINTS + 1, old.net, drift, step, old.lost)
+        marks[i] = further(marks[i], multiples(int(m[i])), POINTS + 1)
     return old._replace(
         samples=old.samples + width, present=old.present + width - gone, first_mean=first_mean, mean=mean,
         net=old.net + net + drift * width, levels=tuple(levels), marks=tuple(marks),
@@ -180,51 +195,47 @@ def _further(head: Points, new: Points, most: int, net: np.ndarray, drift: np.nd
     return head.followed(new.cut(some).moved(net, drift, step[some], lost)) if some.stop else head
 
 
-def _integrated(samples: np.ndarray, phase: np.ndarray, lost: np.ndarray, old: Stretch, c: int) -> float:
-    """Mean of the samples; fills in their phase relative to it, from zero, and the number of missing samples before each point (zeros)."""
-    x = phase[1:]
-    x[:] = samples
+def _integrated(samples: np.ndarray, back: np.ndarray, lost: np.ndarray, old: Stretch, c: int) -> float:
+    """Mean of the samples; fills in the sums of the last ones minus it, from zero, and the number of missing samples before each point."""
+    x = back[1 : len(samples) + 1]
+    x[:] = samples[::-1]
     total = float(np.sum(x))
     mean = total / len(x)
     if not np.isfinite(total):
-        infinite = np.flatnonzero(np.isinf(x))
+        infinite = np.flatnonzero(np.isinf(samples))
         if len(infinite):
             name, where = f"channel {c}" if len(old.mean) > 1 else "the record", old.samples + int(infinite[0])
             raise DataError(f"{name} has an infinite value at sample {where}; replace it by NaN to mark a gap", code="infinite")
         missing = np.isnan(x)
         mean = float(old.mean[c]) if missing.all() else float(np.mean(x[~missing]))
         x[missing] = mean
-        np.cumsum(missing, out=lost[1:])
+        np.cumsum(missing[::-1], out=lost[1:])
     x -= mean
-    phase[0] = 0.0
+    back[0] = 0.0
     running_sum(x)
     return mean
 
 
-def _by_kernel(kind: Kind, m, number, tail: Points, new: Points, over: Callable, within: Callable, workers: int):
-    """Sums and counts over the last `number` differences of each channel, by the block kernel.
-
-    The points are laid out in reverse order of time, so that the kernel finds its starting points at the front.
-    """
-    length = -(-(PIECE + int(reach_of(kind, m[-1])) + BLOCK) // (64 * BLOCK)) * 64 * BLOCK  # few lengths, so that few programs are compiled
-    before = slice(new.number, new.number + tail.number)
+def _by_kernel(
+    kind: Kind, m, number, back: np.ndarray, before: np.ndarray, lost: np.ndarray, over: Callable, within: Callable, workers: int
+):
+    """Sums and counts over the last `number` differences of each channel, by the block kernel; points `before` end with the first."""
 
     def channel(c: int):
         with jax.enable_x64(True):  # thread-local
-            buffer, missing, gone = aligned(length), None, int(new.lost[c, -1])  # values beyond the points stay arbitrary
-            buffer[: new.number], buffer[before] = new.phase[c, ::-1], tail.phase[c, ::-1]
-            if gone > tail.lost[c, 0]:
-                counted = np.zeros(length, np.int32)
-                counted[: new.number], counted[before] = gone - new.lost[c, ::-1], gone - tail.lost[c, ::-1]
+            missing, gone, width = None, int(lost[c, -1]), lost.shape[1] - 1
+            if gone > before[c, 0]:
+                counted = np.zeros(back.shape[1], np.int32)
+                counted[:width], counted[width : width + before.shape[1]] = gone - lost[c, :0:-1], gone - before[c, ::-1]
                 missing = jnp.asarray(counted)
-            theta = jax.device_put(buffer, may_alias=True)
+            theta = jax.device_put(back[c], may_alias=True)
             parts = running_sum_of_phase(theta) if kind.modified else (theta,)
             rule = "none" if missing is None else "span"
             return by_blocks(parts, missing, m, number, int(kind.modified), kind, rule, workers, within)
 
     if not number.any():
         return 0.0, 0
-    return (np.stack(found, axis=1) for found in zip(*over(channel, range(len(tail.phase))), strict=True))
+    return (np.stack(found, axis=1) for found in zip(*over(channel, range(len(back))), strict=True))
 
 
 def _by_slices(kind: Kind, steps, points: Points, first, number) -> tuple[np.ndarray, np.ndarray]:
