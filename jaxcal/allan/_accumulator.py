@@ -43,8 +43,9 @@ class Accumulator(eqx.Module):
 
     **What is exact.** Up to the cluster size `exact`, the result equals `jaxcal.allan.deviation` of the whole record, to rounding: it
     contains every overlapping difference, also across the borders of chunks and of merged parts. For larger clusters, the differences of
-    oadev and ohdev start at every s-th sample only, where s is the largest divisor of m up to m/128. The phase is then kept at so few
-    points that a cluster size costs 10 kB; the sizes of the named grids are rounded (by 0.4 % at most) to have such a divisor. The variance
+    oadev and ohdev start at every s-th sample only, where s divides m: the power of two next below m/128, or else the largest divisor up
+    to m/128. The phase is then kept at so few points that a cluster size costs 20 kB; the sizes of the named grids are rounded (by 0.4 %
+    at most), so that the power of two divides them. The variance
     of the result rises by less than 0.1 % for white noise, flicker and random walk of the rate (by less than 1 % if the record is hardly
     longer than one difference). White noise of phase would lose more, by up to s; it has no weight at such cluster sizes. adev and hdev
     are exact everywhere.

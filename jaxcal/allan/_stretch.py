@@ -92,7 +92,7 @@ class Stretch(NamedTuple):
 
 
 def strides(m: np.ndarray, kind: Kind, exact: int) -> np.ndarray:
-    """Distance of the starting points: 1 up to `exact`, beyond it the largest divisor of m up to m/128; m if clusters do not overlap."""
+    """Distance of the starting points: 1 up to `exact`, beyond it a divisor of m up to m/128; m if clusters do not overlap."""
     if not kind.overlapped:
         return m
     return np.array([1 if size <= exact else _divisor(size, size // PER_CLUSTER) for size in m.tolist()])
@@ -106,7 +106,7 @@ def rounded(m: np.ndarray, kind: Kind, exact: int) -> np.ndarray:
 
 @functools.cache
 def _divisor(number: int, most: int) -> int:
-    """Largest divisor that does not exceed `most`, or a power of two above half of it, which many cluster sizes share."""
+    """The power of two next below `most`, which many cluster sizes share, or else the largest divisor that does not exceed it."""
     step = 1 << max(most, 1).bit_length() - 1
     if number % step == 0:
         return step

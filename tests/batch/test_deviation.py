@@ -62,7 +62,7 @@ def test_the_grid_is_that_of_the_record_and_columns_are_chosen(y, tmp_path):
 def test_strides_and_the_end_of_mdev_are_said(y):
     z = y[:, 0]
     found = deviation(z, RATE, m=[1, 2_000], chunk=1_000, exact=100)
-    assert found.count.tolist() == [29_999, (30_000 - 4_000) // 10 + 1]  # the largest divisor of 2,000 up to 2,000/128
+    assert found.count.tolist() == [29_999, (30_000 - 4_000) // 8 + 1]  # the power of two up to 2,000/128, which divides 2,000
     assert abs(found.deviation[1] / jaxcal.allan.deviation(z, RATE, m=[2_000]).deviation[0] - 1) < 0.01
     found = deviation(z, RATE, kind="mdev", chunk=1_000, exact=100)
     assert found.m[-1] <= 100
