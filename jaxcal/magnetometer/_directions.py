@@ -304,3 +304,34 @@ def needed(model: Any, field: float, kind: str, covariance: np.ndarray) -> np.nd
         chosen.append(grid[np.argmax(variance)])
         variance = np.where(grid @ chosen[-1] < np.cos(np.pi / 4), variance, -1.0)
     return np.array(chosen)
+
+
+def attitude_in_words(direction: AnyArray, inclination: float, down: AnyArray | None = None) -> str:
+    """How to hold a sensor so that the field points along a direction in its axes: facing north or south, tilted, then rolled about x.
+
+    Parameters
+    ----------
+    direction : (3,) unit vector in the axes of the sensor, along which the field should point.
+    inclination : dip of the field in rad.
+    down : (3,) axis that points down at level, where it is known; otherwise z points up.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.magnetometer._directions import attitude_in_words
+    >>> attitude_in_words(np.array([1.0, 0.0, 0.0]), np.deg2rad(60.0))
+    'level, z up, x to magnetic north; then x down by 60 deg'
+    """
+    x, y, z = (float(value) for value in direction)
+    up = -1.0 if down is not None and float(np.ravel(down)[2]) > 0.5 else 1.0
+    ways: list[tuple[float, float, str]] = []
+    for facing, horizontal in (("north", np.cos(inclination)), ("south", -np.cos(inclination))):
+        elevation = np.arctan2(-np.sin(inclination), horizontal)  # of the field, in the vertical plane that x stays in
+        for side in (1.0, -1.0):
+            tilt = np.remainder(elevation + side * np.arccos(np.clip(x, -1.0, 1.0)) + np.pi, 2 * np.pi) - np.pi
+            along = np.sign(up * np.sin(elevation - tilt))  # of the field along z before the roll
+            ways += [(np.rad2deg(tilt), np.rad2deg(np.arctan2(along * y, along * z)), facing)] if abs(tilt) <= np.pi / 2 + 1e-9 else []
+    tilt, roll, facing = min(ways, key=lambda way: abs(way[0]) + abs(way[1]))
+    turns = [f"x {'up' if tilt > 0 else 'down'} by {5 * round(abs(tilt) / 5)} deg"] if abs(tilt) > 2.5 else []
+    turns += [f"roll {'right' if roll > 0 else 'left'} by {5 * round(abs(roll) / 5)} deg"] if abs(roll) > 2.5 else []
+    return f"level, z {'up' if up > 0 else 'down'}, x to magnetic {facing}" + "; then " * bool(turns) + ", ".join(turns)

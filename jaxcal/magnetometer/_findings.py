@@ -23,7 +23,7 @@ FINDINGS = table(
     # the heading error, or how well it is known
     heading=Kind(
         CAUTION, "The heading error is above {limit:.2g}; least certain is {what}.",
-        "Readings help most where the field points along {direction}.",
+        "A reading helps most: {attitude}.",
     ),
     few_left=Kind(
         CAUTION, "{count} readings leave the noise uncertain: the heading error may be {angle:.2g}.", "Take more readings.",

@@ -8,7 +8,7 @@ from .._errors import DataError
 from .._precision import host_float64, real_numbers
 from .._quality import checked_confidence
 from .._types import AnyArray, Samples
-from ._directions import HEADINGS, by_iron, distance_slopes, heading_slopes, sphere_grid
+from ._directions import HEADINGS, INCLINATION, attitude_in_words, by_iron, distance_slopes, heading_slopes, sphere_grid
 from ._fit import fit
 from ._quadric import COUNT, sphere_centre, unit
 from ._result import MagFit
@@ -132,6 +132,5 @@ def guide(
     best = int(np.argmax(gain)) if len(gain) else None
     if choice is not None:
         return Guide(False, None, best, error, bound, f"{told}.", found)
-    axes = ", ".join(f"{value:+.2f}" for value in grid[best])
-    advice = f"{told}. Next, turn the sensor so that the field points along ({axes}) in its axes (x, y, z)."
-    return Guide(False, grid[best], None, error, bound, advice, found)
+    dip = inclination if inclination is not None else INCLINATION if found is None else float(found.inclination)
+    return Guide(False, grid[best], None, error, bound, f"{told}. Next: {attitude_in_words(grid[best], dip)}.", found)

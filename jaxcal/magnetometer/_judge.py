@@ -10,7 +10,7 @@ from ..fitting import Estimate
 from ..fitting._information import information as of_jacobian
 from . import _quadric as quadric
 from ._aids import Asked
-from ._directions import covered, heading_errors, needed
+from ._directions import attitude_in_words, covered, heading_errors, needed
 from ._findings import FINDINGS
 from ._model import MagModel
 from ._quadric import NEAR_PLANAR, SYMMETRIC, UPPER, Frame, extents, outliers, unit
@@ -135,6 +135,6 @@ def _about_heading(
         return []
     grave = not level <= limits[1]
     wanted = needed(surface.model, float(surface.field), kind, np.asarray(estimate.matrix))
-    way = "(" + ", ".join(f"{x:+.1f}" for x in wanted[0]) + ") of the sensor" if len(wanted) else "directions not yet seen"
+    way = attitude_in_words(wanted[0], float(surface.dip), surface.down) if len(wanted) else "attitudes not yet seen"
     limit = Quantity(limits[1] if grave else limits[0], "angle")
-    return [FINDINGS("heading", severity=FATAL if grave else CAUTION, cost=level, limit=limit, what=weakest, direction=way)]
+    return [FINDINGS("heading", severity=FATAL if grave else CAUTION, cost=level, limit=limit, what=weakest, attitude=way)]

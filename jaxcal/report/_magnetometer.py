@@ -40,4 +40,4 @@ def figures(found: MagFit, log: Log | None) -> tuple[list[Markup], list[Markup]]
     m = None if log is None or log.mag is None else np.asarray(log.mag)[np.isfinite(log.mag).all(axis=1)]
     alone = len(inspect.signature(found.model.correct).parameters) == 1  # a user's model may need conditions
     fitted = m is not None and len(m) == len(found.residual) and alone and not found.estimate.select("currents.*").names
-    return [sphere(found, m if fitted else None)], []
+    return sphere(found, m if fitted else None), []

@@ -7,17 +7,18 @@ import numpy as np
 
 from .._units import shown_in
 from ..magnetometer import MagFit, heading_uncertainty
+from ..magnetometer._directions import attitude_in_words
 from ..magnetometer._result import quantity_of
 from ..plot._magnetometer import region_corners
 from ._explore import short
-from ._html import MOST, Markup, data, evenly, tag
+from ._html import MOST, Markup, data, each, evenly, tag
 from ._svg import ASPECT, Axis, Mark, figure, linear_axis
 
 _STEPS = (0.5, 1.5, 3.5, 7.5)  # numbers of readings in a region above which its shade becomes darker
 
 
-def sphere(found: MagFit, readings: np.ndarray | None) -> Markup:
-    """A sphere that the reader can rotate if scripts run, else static figures.
+def sphere(found: MagFit, readings: np.ndarray | None) -> list[Markup]:
+    """A sphere that the reader can rotate if scripts run, else static figures; the error of the heading; and a map of the directions.
 
     Parameters
     ----------
@@ -37,8 +38,8 @@ def sphere(found: MagFit, readings: np.ndarray | None) -> Markup:
             "residual": short(np.asarray(found.residual)[pick] / scale, 3),
         }  # fmt: skip
     static = [] if readings is None else _planes(found, readings, scale, unit)
-    always = [*([_headings(found)] if np.isfinite(found.heading_error[0]) else []), _map(found)]
-    return tag("div", data(about), tag("div", *static, class_="static"), tag("div", *always, class_="aside"), class_="sphere")
+    turned = tag("div", data(about), tag("div", *static, class_="static"), class_="sphere")
+    return [turned, *([_headings(found)] if np.isfinite(found.heading_error[0]) else []), _map(found)]
 
 
 def _vectors(values: Any) -> list[list[float | None]]:
@@ -81,7 +82,9 @@ def _map(found: MagFit) -> Markup:
     wanted = np.asarray(found.needed).reshape(-1, 3)
     marks.append(Mark("dots", np.rad2deg(np.arctan2(wanted[:, 1], wanted[:, 0])), wanted[:, 2], 1, look="large"))
     said = "Readings per region of equal area: the darker the more, none where it is blank. Dots: readings would help most here."
-    return figure("mag-coverage", "Directions of the corrected field", said, *_axes(), marks)
+    drawn = figure("mag-coverage", "Directions of the corrected field", said, *_axes(), marks)
+    words = each("li", (attitude_in_words(one, float(found.inclination), found.down) for one in wanted))
+    return tag("div", drawn, tag("p", "Readings would help most in these attitudes, where x is the nose:"), tag("ul", words))
 
 
 def _headings(found: MagFit) -> Markup:

@@ -120,13 +120,11 @@ def test_the_next_attitude_and_when_to_stop(simulated, folder):
     before = listing(folder)
     few = call("mag", "few.csv", "--next")
     assert few.status == 0
-    assert "8 readings; from 12 on an error can be stated. Next, turn the sensor so that the field points along (" in " ".join(
-        few.out.split()
-    )
+    assert "8 readings; from 12 on an error can be stated. Next: level, z up, x to magnetic" in " ".join(few.out.split())
     enough = call("mag", "tumble.csv", "--next", "--limit", "5")
     assert enough.out.startswith("Stop: heading error")
     more = call("mag", "tumble.csv", "--next", "--limit", "0.01")
-    assert "Next, turn the sensor" in " ".join(more.out.split())
+    assert "Next: level" in " ".join(more.out.split())
     assert listing(folder) == before
 
 

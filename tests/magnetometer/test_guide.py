@@ -1,6 +1,7 @@
 """Advice on the next reading: it needs fewer readings than a recording in its order, and stops when the error is within the limit."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from jaxcal import DataError
 from jaxcal.magnetometer import fit, guide
-from jaxcal.magnetometer._directions import heading_change
+from jaxcal.magnetometer._directions import attitude_in_words, heading_change
 
 SOFT = np.array([[1.1, 0.06, -0.04], [0.06, 0.92, 0.05], [-0.04, 0.05, 1.0]])
 HARD = np.array([0.3, -0.2, 0.4])
@@ -101,13 +102,29 @@ def test_directions_fill_the_sphere_and_end():
         if advice.stop:
             break
         assert np.linalg.norm(advice.direction) == pytest.approx(1.0)
-        assert "Next, turn the sensor" in advice.reason
+        assert "Next: level" in advice.reason
         m = np.concatenate([m, [SOFT @ advice.direction + HARD + 0.005 * rng.normal(size=3)]])
     assert advice.stop
     assert len(m) < 40
     assert off(advice.fit.model) < LIMIT
     assert advice.bound <= LIMIT
     assert advice.reason.startswith("Stop: heading error")
+
+
+def test_an_attitude_in_words_points_the_field_where_it_should():
+    """The words as turns in a world of east, north and up: within the rounding of both angles to 5 degrees."""
+    rng = np.random.default_rng(0)
+    for i in range(300):
+        wanted, dip = rng.normal(size=3), rng.uniform(-1.4, 1.4)
+        said = attitude_in_words(wanted / np.linalg.norm(wanted), dip, (None, [0, 0, 1.0], [0, 0, -1.0])[i % 3])
+        x, z = np.array([0, 1.0 if "north" in said else -1.0, 0]), np.array([0, 0, 1.0 if "z up" in said else -1.0])
+        axes = np.array([x, np.cross(z, x), z])
+        for pattern, about in ((r"x (up|down) by (\d+)", [-x[1], 0, 0]), (r"roll (right|left) by (\d+)", None)):
+            if found := re.search(pattern, said):
+                turn = np.deg2rad(int(found[2])) * (1 if found[1] in ("down", "right") else -1)
+                axes = Rotation.from_rotvec(turn * np.array(axes[0] if about is None else about)).apply(axes)
+        field = axes @ [0, np.cos(dip), -np.sin(dip)]
+        assert np.rad2deg(np.arccos(field @ wanted / np.linalg.norm(wanted))) < np.hypot(2.5, 2.5) + 1e-6
 
 
 def test_messages():
