@@ -1,8 +1,9 @@
-"""The page of any result. Its first screen has the verdict, the main picture, what to know and the tables; the rest follows in folds.
+"""The page of any result. Its first screen has the verdict, the main picture and the tables beside it; the rest follows in folds.
 
 A module for a kind of result (`_MODULES`) has only what no other kind has: `SUBJECT` or `subject(result)`, `lead(result)`,
-`figures(result, log)` (the main pictures, and a list of further sections), `PART` (the part of a calibration that it becomes),
-`known(result)` (facts for the provenance), and `meaning(result)` (terms and explanations). Each but the subject may be missing.
+`figures(result, log)` (the main pictures, the first of which a phone shows above the numbers, and a list of further sections), `PART`
+(the part of a calibration that it becomes), `known(result)` (facts for the provenance), and `meaning(result)` (terms and explanations).
+Each but the subject may be missing.
 """
 
 import importlib
@@ -49,16 +50,21 @@ def answer_page(result: Any, log: Any, version: str, reader: Reader, described: 
     tables = [scroll(grid_html(one), one.title) for one in sections if isinstance(one, Grid) and one.rows and not one.detail]
     detail = [scroll(grid_html(one), one.title) for one in sections if isinstance(one, Grid) and one.rows and one.detail]
     detail += [_curve(one) for one in sections if isinstance(one, Curve)]
-    head = tag("p", badge(result.verdict), " ", result.headline, class_="said")
     main, further = own("figures", ([], []), log)
     urgent = [one for one in told if one.severity >= CAUTION]
+    count = len(merged(urgent))
+    link = [" ", tag("a", f"{count} warning{'s' * (count != 1)}", href="#findings", class_="small")] if count else []
     none = "No warnings. Notes stand below the pictures." if len(told) > len(urgent) else "No warnings."
-    parts = [
-        tag("section", head, *([tag("div", *main, class_="main")] if main else []), aria_label="Verdict"),
+    limits = [tag("details", tag("summary", "With the limits of the intervals"), class_="limits")] if tables else []
+    beside = tag(
+        "div",
+        section("Numbers", "numbers", *tables, *limits),
         section("What to know", "findings", *_few_first(urgent, reader) or [tag("p", none)]),
-        section("Numbers", "numbers", *tables),
-        *further,
-    ]
+        class_="beside",
+    )
+    head = tag("p", badge(result.verdict), " ", result.headline, *link, class_="said")
+    first = tag("div", *main[:1], beside, *main[1:], class_="first") if main else beside
+    parts = [tag("section", head, aria_label="Verdict"), first, *further]
     parts += [section("The signal, and what was set aside", "evidence", seen)] if (seen := timelines(log)) else []
     parts += [fold("Numbers for other tools", "tools", *copies)] if (copies := _copies(result, getattr(module, "PART", None), log)) else []
     parts += [fold("Details", "details", *detail)] if detail else []

@@ -27,4 +27,4 @@ def figures(found: Budget, _: Any) -> tuple[list[Any], list[Any]]:
         lines = [Curve(name, "line", found.time, curves[name][1], color=color.setdefault(name, len(color)), label=name) for name in names]
         title = label[0].upper() + label[1:]
         drawn.append(Chart(group, title, "Standard deviation.", "Time (s)", label, [shown_in(quantity)], lines, log=True))
-    return [charts(drawn[:2])], [charts(drawn[2:])] if drawn[2:] else []
+    return [charts([one]) for one in drawn[:2]], [charts(drawn[2:])] if drawn[2:] else []

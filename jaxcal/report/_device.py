@@ -39,11 +39,7 @@ def known(found: DeviceFit) -> dict[str, str]:
 
 def figures(found: DeviceFit, _: Any) -> tuple[list[Markup], list[Markup]]:
     """The residuals along the recording, and the attitude."""
-    gyro, accel, field = _residuals(found)
-    return [charts([gyro, field])], [
-        section("Motion", "motion", *_way(found)),
-        section("Residuals", "residuals", charts([accel]), *_stretches_of(found)),
-    ]
+    return [charts([one]) for one in _residuals(found)], [section("Motion", "motion", *_way(found), *_stretches_of(found))]
 
 
 def _unit_of_field(found: DeviceFit) -> tuple[str, float]:

@@ -53,8 +53,10 @@ def write_fleet(fleet: dict[str, Any], path: str | os.PathLike[str]) -> None:
     done, task = len(fleet["names"]), str(fleet["task"]["name"])
     lead = f"{fleet['logs']} log{'s' * (fleet['logs'] != 1)}, {done} answered, {len(fleet['failed'])} not"
     failed = table(("Log", "Reason"), fleet["failed"]) if fleet["failed"] else tag("p", "None.")
+    brush, *drawn = _curves(fleet) or [Markup("")]
     body = (
-        _verdict(fleet), _curves(fleet), _spread(fleet), _outliers(fleet), _trends(fleet),
+        _verdict(fleet), brush, tag("div", *drawn[:1], _spread(fleet), *drawn[1:], class_="first") if drawn else _spread(fleet),
+        _outliers(fleet), _trends(fleet),
         section("Logs without an answer", "failed", failed),
         _warnings(fleet), section("What the words mean", "meaning", definitions(_MEANING)),
         section("Provenance", "provenance", definitions((key, str(value)) for key, value in fleet["task"].items() if value)),
@@ -85,10 +87,10 @@ def _verdict(fleet: dict[str, Any]) -> Markup:
     return section("Verdict", "verdict", tag("ul", each("li", lines)))
 
 
-def _curves(fleet: dict[str, Any]) -> Markup:
-    """The curves of all logs over one another; the one under the pointer stands out in every figure and leads to its result."""
+def _curves(fleet: dict[str, Any]) -> list[Markup]:
+    """The curves of all logs over one another; the one that is chosen, or under the pointer, stands out and leads to its result."""
     if not fleet["curves"]:
-        return Markup("")
+        return []
     odd = {outlier["name"] for one in fleet["spread"].values() for outlier in one["outliers"]}
     figures = []
     for channel, curves in list(fleet["curves"].items())[:PANELS]:
@@ -105,8 +107,7 @@ def _curves(fleet: dict[str, Any]) -> Markup:
         figures.append(figure(f"curves-{channel}", channel, about, x, y, lines))
     names = [tag("option", name, value=name) for name in fleet["names"]]
     choice = tag("select", tag("option", "none", value=""), *names, id="log")
-    brush = tag("p", tag("label", "Log ", choice), " ", tag("a", "its result", id="result", hidden=""), id="brush")
-    return section("Curves", "curves", brush, tag("div", *figures, class_="main"))
+    return [tag("p", tag("label", "Log ", choice), " ", tag("a", "its result", id="result", hidden=""), id="brush"), *figures]
 
 
 def _spread(fleet: dict[str, Any]) -> Markup:
@@ -122,12 +123,14 @@ def _spread(fleet: dict[str, Any]) -> Markup:
     )
     if len(drawn) < len(shown):
         caption += f" {len(drawn)} of {len(shown)} coefficients have points."
-    columns = ("Coefficient", "Each log", "Unit", "Logs", "Median", "5 %", "95 %", "Robust s.d.", "Own error", "Outliers")
+    columns = ("Coefficient", "Median", "Unit", "Robust s.d.", "Own error", "Each log", "Outliers", "Logs", "5 %", "95 %")
     rows = [
-        (name, _strip(one, reach) if name in drawn else "", unit_label(one["unit"]), one["count"],
-         *(_shown(one[key]) for key in ("median", "low", "high", "sigma", "own")), len(one["outliers"])) for name, one in shown.items()
+        (name, _shown(one["median"]), unit_label(one["unit"]), _shown(one["sigma"]), _shown(one["own"]),
+         _strip(one, reach) if name in drawn else "", len(one["outliers"]), one["count"], _shown(one["low"]), _shown(one["high"]))
+        for name, one in shown.items()
     ]  # fmt: skip
-    return section("Spread", "spread", tag("p", caption), scroll(table(columns, rows), "Spread of every coefficient", "scroll numbers"))
+    listed = scroll(table(columns, rows), "Spread of every coefficient", "scroll numbers")
+    return tag("div", section("Spread", "spread", listed, tag("p", caption, class_="small")), class_="beside")
 
 
 def _shown(value: float) -> str:

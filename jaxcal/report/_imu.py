@@ -20,7 +20,7 @@ def lead(found: ImuFit) -> str:
 def figures(found: ImuFit, log: Any) -> tuple[list[Markup], list[Markup]]:
     """The residuals of poses and turns."""
     shown = _residuals(found) if found.accel is not None else []
-    return [charts(shown[:2])] if shown else [], [section("Residuals", "residuals", charts(shown[2:]))] if shown[2:] else []
+    return [charts([one]) for one in shown[:2]], [section("Residuals", "residuals", charts(shown[2:]))] if shown[2:] else []
 
 
 def known(found: ImuFit) -> dict[str, str]:

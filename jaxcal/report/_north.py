@@ -28,7 +28,8 @@ def figures(result: AlignmentFit, _: Any) -> tuple[list[Markup], list[Markup]]:
     """The distribution of the azimuth, and the readings over the table angle."""
     readings, azimuth = result.readings, _azimuth(result)
     shown = [*azimuth, *_readings(readings, result)[::-1]]
-    return [charts(shown[:2])], [section("Readings", "readings", *([charts(shown[2:])] if shown[2:] else []), _numbers(readings, result))]
+    more = [charts(shown[2:])] if shown[2:] else []
+    return [charts([one]) for one in shown[:2]], [section("Readings", "readings", *more, _numbers(readings, result))]
 
 
 def _readings(readings: Readings, result: AlignmentFit) -> list[Chart]:

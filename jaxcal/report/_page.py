@@ -33,20 +33,28 @@ _STYLE = (
     """
 * { box-sizing: border-box; }
 body { margin: 0; background: var(--paper); color: var(--ink); font: 1rem/1.5 system-ui, -apple-system, "Segoe UI", Roboto, sans-serif; }
-header, main, footer { max-width: 62rem; margin: 0 auto; padding: 0 1rem; }
+header, main, footer, body > .facts { max-width: 72rem; width: 100%; margin: 0 auto; padding: 0 1rem; }
 p, li, dd, figcaption { max-width: 48rem; }
 nav { display: none; }
 @media (min-width: 86rem) {
-  body { display: grid; grid-template-columns: 12rem minmax(0, 62rem); justify-content: center; }
-  header, main, footer { grid-column: 2; width: 100%; }
-  nav { display: block; grid-column: 1; grid-row: 1 / span 3; font-size: .875rem; }
+  body { display: grid; grid-template-columns: 12rem minmax(0, 72rem); justify-content: center; }
+  header, main, footer, body > .facts { grid-column: 2; }
+  nav { display: block; grid-column: 1; grid-row: 1 / span 4; font-size: .875rem; }
   nav ul { position: sticky; top: 2rem; list-style: none; margin: 2rem 0; padding: 0 1rem; }
 }
 .main { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 26rem), 1fr)); gap: 0 2rem; }
-.main > .explore, .main > .charts, .main > .sphere { grid-column: 1 / -1; min-width: 0; }
-.sphere { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 26rem), 1fr)); gap: 0 2rem; }
-.sphere > div { min-width: 0; }
-.main > figure, .static > figure { min-width: 0; }
+.first > *, .main > *, .static > figure { min-width: 0; }
+.first .matrix :is(th, td) { padding: .2rem .6rem .2rem 0; font-size: .875rem; }
+.first .number { white-space: normal; } .first .numbers { max-height: 36rem; }
+.first .charts, .first figure { margin: 0 0 .5rem; }
+section:has(> .limits:not([open])) .exact { display: none; }
+.limits { border: 0; margin: 0; padding: 0; color: var(--muted); font-size: .875rem; }
+@media screen and (min-width: 66rem) {
+  .first { display: grid; grid-template-columns: minmax(0, 28rem) minmax(0, 1fr); grid-template-rows: repeat(3, auto) 1fr; gap: 0 2rem; }
+  .first > * { grid-column: 1; }
+  .beside { grid-column: 2; grid-row: 1 / span 4; }
+  .beside > :first-child h2 { margin-top: 0; border: 0; padding: 0; }
+}
 h1, h2, p, li, dd, dt, summary { overflow-wrap: anywhere; }
 header { padding-top: 1.5rem; }
 h1 { font-size: 1.7rem; line-height: 1.2; margin: 0; }
@@ -89,7 +97,7 @@ summary { cursor: pointer; padding: .5rem 0; }
 pre { overflow-x: auto; background: var(--shade); padding: .75rem; border-radius: .4rem; font-size: .85rem; }
 dt { font-weight: 600; margin-top: .75rem; }
 dd { margin: 0; }
-.facts { display: flex; flex-wrap: wrap; gap: 0 .5rem; margin: .25rem 0; font-size: .875rem; }
+.facts { display: flex; flex-wrap: wrap; gap: 0 .5rem; font-size: .875rem; }
 .facts dd + dt { margin-left: 1rem; }
 .facts dt, .facts dd { margin: 0; overflow-wrap: anywhere; min-width: 0; }
 .facts dt { color: var(--muted); font-weight: normal; }
@@ -100,7 +108,7 @@ dd { margin: 0; }
 .ink { --c: var(--ink); } .shade { --c: var(--shade); }
 .drawn path { fill: none; stroke: var(--c); stroke-linejoin: round; stroke-width: 2; }
 .drawn text { font-size: 12px; }
-.scroll svg.strip { width: 9rem; min-width: 9rem; height: 1.35rem; }
+.scroll svg.strip { width: 6.5rem; min-width: 6.5rem; height: 1rem; margin: .15rem 0; }
 .drawn .scroll svg { min-width: 0; max-width: 42rem; }
 .drawn .grid { stroke: var(--grid); stroke-width: 1; } .drawn .frame { stroke: var(--muted); stroke-width: 1; }
 .drawn a path { pointer-events: stroke; } .drawn .chosen path { stroke: var(--series-2); stroke-width: 4; }
@@ -115,20 +123,26 @@ dd { margin: 0; }
 footer { color: var(--muted); font-size: .875rem; padding-bottom: 2rem; }
 :focus-visible { outline: 2px solid var(--series-0); outline-offset: 2px; }
 @media (max-width: 36rem) {
+  body { display: flex; flex-direction: column; }
+  body > .facts { order: 1; } footer { order: 2; }
+  header { padding-top: .6rem; } h1 { font-size: 1.2rem; } .lead { font-size: .875rem; margin: 0; }
+  .said { font-size: 1rem; margin: .25rem 0; }
+  h2 { font-size: 1.1rem; margin-top: .75rem; padding-top: .25rem; }
+  .scroll svg { min-width: 0; } .drawn text { font-size: 13px; }
+  .first > :first-child figcaption { display: -webkit-box; -webkit-box-orient: vertical; -webkit-line-clamp: 2; overflow: hidden; }
+  .first > :first-child:is(:hover, :focus-within) figcaption { -webkit-line-clamp: none; }
   th, td { padding: .4rem .3rem; font-size: .875rem; }
-  .matrix { display: block; min-width: 0; width: 100%; }
-  .matrix :is(tbody, caption) { display: block; }
-  .scroll .exact { white-space: normal; }
-  .matrix thead { display: none; }
-  .matrix tr { display: grid; grid-template-columns: repeat(auto-fit, minmax(5.6rem, 1fr)); padding: .4rem 0; }
-  .scroll .matrix tr { grid-template-columns: repeat(auto-fit, minmax(9rem, 1fr)); }
-  .matrix tr { border-bottom: 1px solid var(--line); }
-  .matrix tbody th { grid-column: 1 / -1; width: auto; border: 0; padding: .1rem 0; }
-  .matrix th:first-child { width: auto; }
-  .matrix tbody th span { display: inline; }
-  .matrix tbody th * + span { margin-left: .5rem; }
-  .matrix td { border: 0; padding: .1rem .3rem .1rem 0; overflow-wrap: anywhere; }
+  .matrix, .matrix :is(thead, tbody) { display: block; }
+  .matrix thead th + th { display: none; }
+  .matrix tr { display: flex; flex-wrap: wrap; gap: 0 .5rem; padding: .2rem 0; border-bottom: 1px solid var(--line); }
+  .matrix :is(th, td), .first .matrix :is(th, td) { border: 0; padding: 0; font-size: .8125rem; flex: 1 0 30%; }
+  .matrix tbody th { flex: 0 1 auto; }
+  .matrix td.small { flex: 1 0 50%; font-size: .75rem; }
+  .matrix td:has(> .number:empty) { display: none; }
+  .matrix tr:not(:has(td:nth-of-type(3) > .number:not(:empty))) td { flex: 0 1 auto; }
+  .matrix tr:not(:has(td:nth-of-type(3) > .number:not(:empty))) td::before { content: none; }
   .matrix td::before { content: attr(data-axis); color: var(--muted); margin-right: .3rem; }
+  .scroll .exact { white-space: normal; } .first .number { white-space: nowrap; }
   .numbers table { font-size: .8rem; }
   .verdicts thead { display: none; }
   .verdicts, .verdicts tbody { display: block; }
@@ -141,16 +155,20 @@ footer { color: var(--muted); font-size: .875rem; padding-bottom: 2rem; }
 @media print {
   @page { margin: 15mm; }
   body { font-size: 9pt; line-height: 1.35; }
-  header, main, footer { max-width: none; padding: 0; }
-  figure, table, li, dd { break-inside: avoid; }
+  header, main, footer, body > .facts { max-width: none; padding: 0; }
+  figure, tr, li, dd { break-inside: avoid; }
   nav, .sphere.replay, .numbers, #tools, #brush { display: none; }
   details:has(> .numbers, > pre, > summary > #tools, > summary > #meaning, > summary > #details) { display: none; }
-  section > .numbers { display: block; max-height: none; overflow: visible; }
+  section > .numbers, .first .numbers { display: block; max-height: none; overflow: visible; }
   section > .numbers table { font-size: 7pt; }
   section > .numbers .strip { width: 6rem; min-width: 6rem; }
-  ul:has(+ .every), .exact { display: none !important; }
-  .sphere { display: block; }
-  .main, .live > .static, .aside { display: grid; grid-template-columns: 1fr 1fr; gap: 0 1rem; }
+  ul:has(+ .every), .exact, .limits { display: none !important; }
+  .first > .sphere, .beside { grid-column: 1 / -1; }
+  .beside { order: 1; }
+  .pairs { columns: 2; display: block; } .pairs :is(dt, dd) { display: inline; } .pairs dd::before { content: " "; }
+  .pairs dd::after { content: "\\A"; white-space: pre; } .first .matrix :is(th, td) { padding: .1rem .4rem .1rem 0; font-size: 8pt; }
+  .main, .first, .live > .static { display: grid; grid-template-columns: 1fr 1fr; gap: 0 1rem; }
+  .first > :not(.sphere) > .static { display: block; }
   figure { margin: .5rem 0; }
   th, td { padding: .15rem .4rem; }
   h2, h3 { break-after: avoid; }
@@ -193,7 +211,7 @@ def page(title: str, lead: str, body: Markup, footer: str, facts: Iterable[tuple
             tag("style", Markup(style)),
         )
     )
-    header = tag("header", tag("h1", title), tag("p", lead, class_="lead"), definitions(facts, "facts"))
+    header = join((tag("header", tag("h1", title), tag("p", lead, class_="lead")), definitions(facts, "facts")))
     behind = [tag("script", Markup(script)) for script in scripts]
     parts = re.findall(r'<h2 id="([^"]+)">(.*?)</h2>', body)
     contents = tag("nav", tag("ul", *(tag("li", tag("a", Markup(name), href=f"#{place}")) for place, name in parts)), aria_label="Contents")
@@ -209,8 +227,7 @@ def live_page() -> str:
     body = tag(
         "div", tag("p", "Turn the sensor so that the next reading falls on the cross.", id="turn"), tag("p", "", id="reason"), facts,
         tag("p", tag("button", "Stop", type="button", id="stop")),
-        tag("div", data(nothing | {"unit": "", "field": 1}), tag("div", class_="static"), tag("div", class_="aside"), class_="sphere"),
-        id="live",
+        tag("div", data(nothing | {"unit": "", "field": 1}), tag("div", class_="static"), class_="sphere"), id="live",
     )  # fmt: skip
     return page("Magnetometer", "Recording", body, "Served by this machine, for this machine alone")
 

@@ -10,7 +10,7 @@ from ..plot._style import number_label
 from ._html import Markup, join, tag
 
 #: size of a figure and its margins: small, so that text is readable on a phone
-_WIDTH, _HEIGHT, _LEFT, _RIGHT, _TOP, _BOTTOM = 480, 310, 76, 14, 12, 44
+_WIDTH, _HEIGHT, _LEFT, _RIGHT, _TOP, _BOTTOM = 480, 310, 82, 14, 12, 44
 #: ratio of width to height of the plotting area
 ASPECT = (_WIDTH - _LEFT - _RIGHT) / (_HEIGHT - _TOP - _BOTTOM)
 

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from .._log import Log
-from .._units import shown_in
+from .._units import BEYOND, shown_in
 from ..evidence import Stretch
 from ..evidence._findings import timeline
 from ..plot._style import SENSORS
@@ -29,10 +29,10 @@ def timelines(log: Any) -> Markup:
 
 def _figure(log: Log, sensor: str, evidence: tuple[Stretch, ...]) -> Markup:
     found = [one for one in evidence if one.sensor in ("", sensor) and one.kind in _COLOURS]
-    unit, size = shown_in(sensor)
+    readings = np.asarray(getattr(log, sensor)).reshape(len(log.time), -1)
+    unit, size = shown_in(sensor if np.nanmedian(np.abs(readings)) < BEYOND[sensor] else "counts")
     long, scale = ("h", 3600.0) if log.duration > 7200 else ("min", 60.0) if log.duration > 300 else ("s", 1.0)
-    values = np.asarray(getattr(log, sensor)).reshape(len(log.time), -1) / size
-    values = values - np.nanmedian(values, axis=0)
+    values = (readings - np.nanmedian(readings, axis=0)) / size
     edges = np.unique(np.linspace(0, len(values), _COLUMNS + 1).astype(int))[:-1]
     low, high = (extreme.reduceat(values, edges, axis=0) for extreme in (np.fmin, np.fmax))
     x, y = linear_axis(f"Time ({long})", [[0.0, log.duration / scale]], 0.0), linear_axis(f"{SENSORS[sensor]} ({unit})", [low, high])

@@ -66,6 +66,19 @@ def test_page(tab, pages, kind):
     assert tab.complaints() == []
 
 
+@pytest.mark.parametrize("kind", sorted(set(LEAST) - {"device"}))
+@pytest.mark.parametrize(("width", "height"), [(1400, 900), (390, 844)])
+def test_the_first_screen_has_verdict_picture_and_numbers(tab, pages, kind, width, height):
+    tab.look(width, height=height)
+    tab.open((pages / f"{kind}.html").as_uri())
+    settled(tab)
+    ends = "[...document.querySelectorAll('.said, .first > :first-child :is(svg, canvas), .beside tbody tr:nth-child(-n + 3)')]"
+    ends = tab.run(f"{ends}.filter((one) => one.checkVisibility()).map((one) => one.getBoundingClientRect().bottom)")
+    assert len(ends) >= 4
+    assert sorted(ends)[4 if len(ends) > 4 else -1] <= height
+    assert tab.run("document.documentElement.scrollWidth") == width
+
+
 READ = "[...document.querySelectorAll('.views')[0].querySelectorAll('.readout')].map((one) => one.textContent)"
 CLICK = "[...document.querySelectorAll('{where}')].find((one) => one.textContent === '{text}').click()"
 INK = """(() => {  // how many pixels of a chart have the colour of the first axis

@@ -134,9 +134,9 @@ def test_no_number_is_nan(text):
 def test_verdict_comes_first_and_is_complete(text):
     page = Page(text)
     places = [
-        page.text.index(one) for one in ("weak N to 10 % on every axis", "Points: measured", "Fit with method", "N angle random walk")
+        page.text.index(one) for one in ("weak N to 10 % on every axis", "Points: measured", "N angle random walk", "Fit with method")
     ]
-    assert places == sorted(places)  # verdict, picture, what to know, numbers
+    assert places == sorted(places)  # verdict, picture, numbers, what to know
     # gyro_x: N = 1e-4 rad/sqrt(s) = 0.34377 deg/sqrt(h), +- 10 %
     assert "N angle random walk deg/sqrt(h) 0.344 ± 0.034 0.3094 to 0.3782" in page.text
     assert "K rate random walk deg/h/sqrt(s) < 0.41 < 0.41" in page.text  # 2e-6 rad/s/sqrt(s) = 0.41253 deg/h/sqrt(s)

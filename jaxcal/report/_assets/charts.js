@@ -42,7 +42,7 @@
       group("Copy", ...["CSV", "YAML", "JSON"].map((form) => make("button", { type: "button", onclick: () => this.copy(form, said, bar) }, form)), said);
       return bar;
     }
-    size() { return { width: this.host.clientWidth || 320, height: Math.round(Math.min(Math.max((this.host.clientWidth || 320) * 0.5, 240), 360)) }; }
+    size() { return { width: this.host.clientWidth || 320, height: Math.round(Math.min(Math.max((this.host.clientWidth || 320) * 0.5, 220), 360)) }; }
     scaled(values) { return values && values.map((v) => (v === null || (this.data.log && v <= 0) ? null : v / this.unit[1])); }
     label() { return this.unit[0] ? `${this.data.y} (${this.unit[0]})` : this.data.y; }
     make() {

@@ -100,7 +100,7 @@
       ctx.globalAlpha = 1;
     }
     draw() {
-      const wide = Math.min(this.canvas.parentElement.clientWidth || 320, 560), tall = Math.min(wide, 460), ratio = devicePixelRatio || 1;
+      const wide = Math.min(this.canvas.parentElement.clientWidth || 320, 560), tall = Math.min(wide, innerWidth < 576 ? 240 : 440), ratio = devicePixelRatio || 1;
       this.canvas.width = wide * ratio;
       this.canvas.height = tall * ratio;
       this.canvas.style.width = `${wide}px`;
