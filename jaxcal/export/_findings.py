@@ -18,7 +18,10 @@ FINDINGS = table(
     hysteresis_left_out=Kind(CAUTION, "There is no place for lag, play and rate of change: heating and cooling will differ."),
     cubic_departs=Kind(CAUTION, "The cubic polynomial departs from the thermal model by up to {departure:.3g} {unit}{jumps}."),
     models_left_out=Kind(CAUTION, "A table holds no thermal model, only its change over the range.", "The JSON file has the model."),
-    terms_left_out=Kind(NOTE, "There is no place for {terms}: not written.", "An export for a motion counts it in N."),
+    terms_left_out=Kind(
+        NOTE, "There is no place for {terms}: not written.", "Give motion= to count it in N.",
+        terminal="jaxcal export --for LOG counts it in N.",
+    ),
     dead_axis=Kind(CAUTION, "The axis has no {term}: it may be dead. The largest value of the other axes is written."),
     limit_written=Kind(NOTE, "{term} was not found: its {limit} is written, which is safe for a filter."),
     given=Kind(NOTE, "K is the value given: {value:g} {unit}."),
