@@ -272,7 +272,8 @@ class Log(eqx.Module):
         50
         """
         values = self._sensors()[sensor]
-        found = self.evidence if still else of_values(sensor, values, self.rate, si_unit(sensor))
+        known = still or "_evidence" in vars(self.recorded)  # events take longest, and are not looked for without need
+        found = self.evidence if known else of_values(sensor, values, self.rate, si_unit(sensor))
         out = set_aside(sensor, values, self.rate, found, still, (*keep, *vars(self).get("_raw", (None, ()))[1]))
         return out[:, 0] if sensor == "temperature" else out
 

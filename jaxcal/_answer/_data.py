@@ -28,7 +28,8 @@ def plain(value: Any) -> Any:
     if hasattr(value, "to_dict") and not isinstance(value, type):
         value = value.to_dict()
     if hasattr(value, "__array__"):
-        return plain(np.asarray(value).tolist())
+        values = np.asarray(value)
+        return values.tolist() if values.dtype.kind == "f" and np.isfinite(values).all() else plain(values.tolist())
     if hasattr(value, "_enumeration"):  # an item of an Equinox Enumeration, by its name
         names = value._enumeration._name_to_item.items()
         return next(name for name, item in names if int(item._value) == int(np.asarray(value._value)))

@@ -4,7 +4,6 @@ import dataclasses
 import difflib
 import html
 import importlib
-import importlib.metadata
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
@@ -13,7 +12,7 @@ import equinox as eqx
 import numpy as np
 
 from .._errors import DataError
-from .._files import json_text, write_atomically
+from .._files import json_text, version_of, write_atomically
 from .._precision import is_traced
 from ._data import data_frame, plain
 from ._findings import CAUTION, NOTE, Finding, joined, merged, ordered, verdict_of
@@ -130,7 +129,7 @@ class _Said:
         ('jaxcal.Deviation/1', [1, 2])
         """
         head = {
-            "schema": f"jaxcal.{type(self).__name__}/1", "version": importlib.metadata.version("jaxcal"), "verdict": self.verdict,
+            "schema": f"jaxcal.{type(self).__name__}/1", "version": version_of("jaxcal"), "verdict": self.verdict,
             "headline": self.headline, "findings": [one.to_dict() for one in merged(self.findings)],
             "numbers": {name: one.to_dict() for name, one in self.numbers.items()},
         }  # fmt: skip

@@ -3,7 +3,6 @@
 import contextlib
 import datetime
 import functools
-import importlib.metadata
 import os
 import pathlib
 import time
@@ -11,7 +10,7 @@ import traceback
 from typing import Any
 
 from .._errors import DataError, JaxcalError
-from .._files import json_text, shown
+from .._files import json_text, shown, version_of
 from .._log import Log
 from ..calibration._provenance import date_of
 from ..io import read
@@ -102,7 +101,7 @@ def _begun(path: str, task: Any, options: dict[str, Any], reading: dict[str, Any
         "sha256": None,
         "date": None,
     }
-    versions = {name: importlib.metadata.version(name) for name in ("jaxcal", "jax", "numpy")}
+    versions = {name: version_of(name) for name in ("jaxcal", "jax", "numpy")}
     return {"schema": SCHEMA, "log": known, "task": identity(task, options, reading), "versions": versions}
 
 

@@ -3,7 +3,6 @@
 import contextlib
 import csv
 import hashlib
-import importlib.metadata
 import io
 import json
 import math
@@ -18,7 +17,7 @@ from typing import Any
 
 from .._answer import Number
 from .._errors import DataError, ExportError
-from .._files import clear_hidden, json_text, write_atomically
+from .._files import clear_hidden, json_text, version_of, write_atomically
 from ._fleet import Entry
 
 SCHEMA = "jaxcal.batch/1"
@@ -111,7 +110,7 @@ def write_manifest(folder: pathlib.Path, entries: Sequence[Entry], identity: dic
         for entry in entries
     ]  # fmt: skip
     done = sum(entry.status == "done" for entry in entries)
-    packages = {name: importlib.metadata.version(name) for name in ("jaxcal", "jax", "jaxlib", "numpy", "scipy")}
+    packages = {name: version_of(name) for name in ("jaxcal", "jax", "jaxlib", "numpy", "scipy")}
     count = {"logs": logs, "done": done, "failed": len(entries) - done, "left": logs - len(entries)}
     document = {
         "schema": "jaxcal.fleet/1", "task": identity, "count": count,

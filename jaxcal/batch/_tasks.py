@@ -3,7 +3,6 @@
 import functools
 import hashlib
 import importlib
-import importlib.metadata
 import inspect
 import math
 from collections.abc import Callable
@@ -13,6 +12,7 @@ import numpy as np
 
 from .._answer import Finding, Grid, Number, Result, Results, numbers_of, ordered, plain
 from .._errors import DataError, UnitError
+from .._files import version_of
 from .._log import Log
 from .._message import Message
 from ..evidence._values import at_own_rate
@@ -113,9 +113,10 @@ def answer_of(result: Any, log: Log) -> Answer:
     """
     if result.verdict == "refused":
         raise DataError(f"the result is refused. {result.reason}", code="refused")
-    details = numbers_of(one for one in result.sections() if isinstance(one, Grid) and one.detail)
+    sections = result.sections()
+    details = numbers_of(one for one in sections if isinstance(one, Grid) and one.detail)
     numbers = {
-        name: one for name, one in result.numbers.items() if one.state != "held" and (name not in details or one.low < one.high)
+        name: one for name, one in numbers_of(sections).items() if one.state != "held" and (name not in details or one.low < one.high)
     }  # fmt: skip
     # a limit has no value of its own
     found = {name: one._replace(value=math.nan) if one.state == "limit" else one for name, one in numbers.items()}
@@ -157,7 +158,7 @@ def identity(task: Any, options: dict[str, Any], reading: dict[str, Any]) -> dic
 
     A user's function is identified by its name and, if Python has it, its source.
     """
-    return {**_named(task), "options": plain(options), "reading": plain(reading), "jaxcal": importlib.metadata.version("jaxcal")}
+    return {**_named(task), "options": plain(options), "reading": plain(reading), "jaxcal": version_of("jaxcal")}
 
 
 def _named(task: Any) -> dict[str, Any]:

@@ -1,6 +1,5 @@
 """`Calibration`: all data about one device in one object and one file."""
 
-import importlib.metadata
 import os
 import pathlib
 from typing import Any
@@ -10,7 +9,7 @@ import equinox as eqx
 from .._answer import tables
 from .._answer._html import answer_html
 from .._errors import DataError
-from .._files import json_text, write_atomically
+from .._files import json_text, version_of, write_atomically
 from .._log import Log
 from .._precision import is_traced
 from .._types import Given
@@ -85,7 +84,7 @@ class Calibration(eqx.Module):
         self.device = _free({"name": device} if isinstance(device, str) else device, "device")
         provenance = _free(provenance, "provenance")
         if provenance is not None and "version" not in provenance:
-            provenance["version"] = importlib.metadata.version("jaxcal")
+            provenance["version"] = version_of("jaxcal")
         self.provenance = provenance
 
     def _title(self) -> str:

@@ -1,7 +1,6 @@
 """Provenance of a calibration: the recording, the versions, and the options of the command."""
 
 import datetime
-import importlib.metadata
 import platform
 from collections.abc import Mapping
 from typing import Any
@@ -9,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from .._answer import plain
+from .._files import version_of
 from .._log import Log
 from .._types import Checked
 
@@ -53,12 +53,12 @@ def provenance(log: Checked[Log], command: str, options: Mapping[str, Any] | Non
         held["applied"] = applied
     if "date" not in held and (when := date_of(log.provenance)) is not None:
         held["date"] = f"{when:%Y-%m-%dT%H:%M:%SZ}"
-    versions = {name: importlib.metadata.version(name) for name in _PACKAGES}
+    versions = {name: version_of(name) for name in _PACKAGES}
     return {
         **held,
         "rate": "given" if rate_given else "estimated",
         "command": command,
         "options": plain(dict(options or {})),
-        "version": importlib.metadata.version("jaxcal"),
+        "version": version_of("jaxcal"),
         "versions": {"python": platform.python_version(), **versions},
     }

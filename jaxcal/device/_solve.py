@@ -17,8 +17,8 @@ from ._windows import GYRO_DELAY, MAG_DELAY, REACH, Record
 #: rounds of fits: at least, at most, and at most where the motion does not determine all parameters; most steps of a fit, and of one
 #: where the motion does not determine all parameters
 _ROUNDS, _MOST, _BLIND, _STEPS, _FEW = 3, 8, 5, 25, 10
-#: a fit has converged when a step is expected to lower the cost (half the sum of squares) by less; the rounds end when weights, and
-#: logarithms of noise levels, change by less
+#: the last fit has converged when a step is expected to lower the cost (half the sum of squares) by less; the rounds end when weights,
+#: and logarithms of noise levels, change by less, and fits before the last stop there, too
 _SETTLED, _SAME = 1e-5, 0.05
 #: noise of a reading of the field, as a part of it, in the first fit. Rms field residual of a window in standard deviations: above the
 #: second number it gets less weight, above the third that of the fourth, which is not zero, so that its residuals are still computed
@@ -38,10 +38,12 @@ def rounds(record: Record, start: Start, free: np.ndarray, floors: tuple[Floor, 
     white, levels, counts = level, Levels(), np.ones(len(record.broken))
     # two steps show which parameters the motion does not determine. In their directions the cost is flat, so more steps are useless
     found: Any = start
-    steps, fewest, moved = 2, _BLIND, None
+    steps, fewest, moved, blind = 2, _BLIND, None, False
     for turn in range(-1, _MOST):
+        last = (settled and turn >= _ROUNDS - 1) or turn == _MOST - 1
+        near = _SETTLED if last or blind else _SAME  # weights and levels that still change move the solution further
         try:
-            found = solved(record, found.vector, found.way, free, level, place, counts, steps, rests, centre, moved)
+            found = solved(record, found.vector, found.way, free, level, place, counts, steps, rests, centre, near, moved)
         except np.linalg.LinAlgError as error:
             raise DataError("the sensors show no common motion. Check the range and the unit of each", code="no_motion") from error
         blind, moved = bool(found.unseen.any()), found.moved
@@ -49,7 +51,7 @@ def rounds(record: Record, start: Start, free: np.ndarray, floors: tuple[Floor, 
         if turn < 0:
             fewest = 2 if blind else fewest
             continue
-        if (settled and turn >= _ROUNDS - 1) or (blind and turn >= fewest - 1) or turn == _MOST - 1:
+        if last or (blind and near == _SETTLED and turn >= fewest - 1):
             break
         # rms field residual of each window; the median over windows ignores the few that may be disturbed
         number = found.kept.sum(axis=1)
@@ -71,11 +73,12 @@ def _median(freedom: float) -> float:
 
 def solved(
     record: Record, vector: np.ndarray, way: Way, free: np.ndarray, noise: Noise, place: Place, counts: np.ndarray, steps: int,
-    rests: Rests, centre: np.ndarray, moved: Inertial | None = None,
+    rests: Rests, centre: np.ndarray, near: float, moved: Inertial | None = None,
 ) -> Solution:  # fmt: skip
     """Least squares from a start. `counts` (K,) are weights of the magnetometer's residuals, `centre` is the centre of the prior.
 
-    `moved` are the integrals at the start, if they are known.
+    The fit has converged when a step is expected to lower the cost, half the sum of squares, by less than `near`. `moved` are the
+    integrals at the start, if they are known.
     """
     wanted = {field_of(NAMES[i]) for i in free}
     options = {"sensitivity": "gyro.g_sensitivity" in wanted, "lever": "lever" in wanted}
@@ -103,7 +106,7 @@ def solved(
             move = -np.linalg.solve(known.information + damping * np.diag(sizes**-2.0), known.score)
             promised = -0.5 * float(move @ known.score) - 0.5 * float(np.sum(chain.link_score * known.links(np.zeros(len(free)))))
             # the rest of the way is far shorter than the errors
-            if done := abs(promised) < _SETTLED:
+            if done := abs(promised) < near:
                 break
             trial = now.vector.copy()
             trial[free] += move

@@ -1,6 +1,5 @@
 """`write`: write a calibration as a file for another tool."""
 
-import importlib.metadata
 import os
 import pathlib
 from collections.abc import Iterator, Sequence
@@ -8,7 +7,7 @@ from typing import Any
 
 from .._answer import Finding
 from .._errors import ExportError
-from .._files import check_replaceable, write_atomically
+from .._files import check_replaceable, version_of, write_atomically
 from .._message import Message
 from ..calibration import Calibration
 from ..calibration._parts import COUNTS
@@ -150,7 +149,7 @@ def _left_out(calibration: Calibration, kind: Format, format: str) -> Iterator[F
 
 
 def _origin(devices: Sequence[Calibration], format: str) -> list[str]:
-    lines = [f"{format} file written by jaxcal {importlib.metadata.version('jaxcal')}"]
+    lines = [f"{format} file written by jaxcal {version_of('jaxcal')}"]
     for calibration in devices:
         name = (calibration.device or {}).get("name")
         if name:

@@ -11,6 +11,7 @@ import itertools
 import numpy as np
 
 from .._units import STANDARD_GRAVITY
+from ..evidence._values import SAMPLE
 from ._readers._bounds import PIECE
 
 #: size of one count of common gyroscopes (deg/s) and accelerometers (g). Powers of two are evidence only together with a magnitude
@@ -41,8 +42,8 @@ class Turning:
 
 
 def thinned(values: np.ndarray) -> np.ndarray:
-    """A subset of the rows, without rows with missing values."""
-    values = values[:: max(1, len(values) // PIECE)]
+    """A subset of the rows from which a spread is found to 1 %, without rows with missing values."""
+    values = values[:: max(1, len(values) // SAMPLE)]
     return values[np.isfinite(values).all(axis=1)]
 
 

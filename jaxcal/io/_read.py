@@ -2,9 +2,7 @@
 
 import concurrent.futures
 import contextlib
-import functools
 import hashlib
-import importlib.metadata
 import os
 import pathlib
 import sys
@@ -15,7 +13,7 @@ import numpy as np
 
 from .._answer import Finding
 from .._errors import DataError, ExportError, JaxcalError
-from .._files import clear_hidden, hidden_name, shown
+from .._files import clear_hidden, hidden_name, shown, version_of
 from .._log import Log
 from .._message import Message
 from .._types import AxesOf, ColumnsOf, UnitsOf
@@ -279,7 +277,7 @@ def finished(found: Table | Signals, origin: dict[str, Any], given: Asked, choic
         signals = interpret(found, **given.table)
     if choices is not None:
         choices += signals.choices
-    provenance = origin | {"columns": signals.columns, "units": signals.units, "jaxcal": _version(), "epoch_ns": signals.epoch_ns}
+    provenance = origin | {"columns": signals.columns, "units": signals.units, "jaxcal": version_of("jaxcal"), "epoch_ns": signals.epoch_ns}
     if len(signals.imus) > 1:
         provenance["imus"] = signals.imus
     for name, axes in given.axes.items():
@@ -288,11 +286,6 @@ def finished(found: Table | Signals, origin: dict[str, Any], given: Asked, choic
         signals.sensors[name] = in_axes(signals.sensors[name], axes)
         provenance["axes"] = given.axes
     return _build(signals, provenance)
-
-
-@functools.lru_cache(1)
-def _version() -> str:
-    return importlib.metadata.version("jaxcal")
 
 
 def _parse(kind: str, sources: list[pathlib.Path], topics: list[str] | None, options: dict[str, Any]) -> Table | Signals:

@@ -1,6 +1,5 @@
 """`write_fleet`: write the overview of many logs as one page."""
 
-import importlib.metadata
 import math
 import os
 from typing import Any
@@ -8,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from .._answer._html import each
-from .._files import write_atomically
+from .._files import version_of, write_atomically
 from ..plot._style import number_label, unit_label
 from ._html import LISTED, MOST, PANELS, Markup, definitions, join, scroll, section, table, tag
 from ._page import page
@@ -49,7 +48,7 @@ def write_fleet(fleet: dict[str, Any], path: str | os.PathLike[str]) -> None:
     ExportError
         If the file cannot be written.
     """
-    version = importlib.metadata.version("jaxcal")
+    version = version_of("jaxcal")
     done, task = len(fleet["names"]), str(fleet["task"]["name"])
     lead = f"{fleet['logs']} log{'s' * (fleet['logs'] != 1)}, {done} answered, {len(fleet['failed'])} not"
     failed = table(("Log", "Reason"), fleet["failed"]) if fleet["failed"] else tag("p", "None.")

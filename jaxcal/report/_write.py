@@ -1,14 +1,13 @@
 """`write`: write results as one HTML page."""
 
 import datetime
-import importlib.metadata
 import pathlib
 from collections.abc import Sequence
 from typing import Any
 
 from .._answer import Reader
 from .._errors import DataError
-from .._files import write_atomically
+from .._files import version_of, write_atomically
 from .._log import Log
 from .._types import Checked, Given, PathLike
 from ._answer import answer_page, badge
@@ -66,7 +65,7 @@ def write(
     ...     "<h1>unit 7</h1>" in path.read_text(encoding="utf-8")
     True
     """
-    version = importlib.metadata.version("jaxcal")
+    version = version_of("jaxcal")
     if isinstance(results, (list, tuple)):
         pairs = _pairs(results, log)
         title, lead, body = _device(pairs, device, version, reader)
