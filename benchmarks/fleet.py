@@ -121,12 +121,12 @@ def speed(paths, folder, _):
 COUNTED = """
 import os
 import jaxcal
-from jaxcal.batch._tasks import noise as _noise
+from jaxcal.batch._tasks import perform
 
 def counted(log):
     with open(os.path.join(os.environ["FLEET_ROOM"], log.provenance["file"]), "a") as file:
         file.write("x")
-    return _noise(log)[0]
+    return perform("noise", log, {})["result"]
 """
 
 RUN = """

@@ -22,9 +22,9 @@ from ._tasks import identity, perform, reading_options
 
 
 def answer(
-    path: str, task: Any, options: dict[str, Any], reading: dict[str, Any], each: bool = False, topics: str = ""
+    path: str, task: Any, options: dict[str, Any], reading: dict[str, Any], each: bool = False, topics: str = "", page: str | None = None
 ) -> tuple[str, float]:
-    """Result file of the log at `path`, as text, and the seconds it took.
+    """Result file of the log at `path`, as text, and the seconds it took; a report is written to `page`.
 
     With `each` the result names the other IMUs of the log; they are then read in turn with their `topics`.
 
@@ -37,15 +37,14 @@ def answer(
     try:
         before = _stat(pathlib.Path(path))
         known, (start, stop) = reading_options(reading)
-        own: dict[str, Any] = {"topics": topics} if topics else {}
-        log, others = _read(path, known | own, each and not topics)
+        log, others = _read(path, known | ({"topics": topics} if topics else {}), each and not topics)
         document["log"] |= {"each": each, "others": others}
         if _stat(pathlib.Path(path)) != before:
             raise _Changed("the file changed while it was read; run again when it is complete")
         document["log"] |= {"sha256": log.provenance["sha256"], "bytes": log.provenance["size"], "date": _date(log.provenance, before)}
         if start is not None or stop is not None:
             log = log.select(start, stop)
-        document |= {"status": "done", "reason": None, "again": False} | perform(task, log, options)
+        document |= {"status": "done", "reason": None, "again": False} | perform(task, log, options, page)
         text = json_text(document)
     except (KeyboardInterrupt, GeneratorExit):
         raise
@@ -91,16 +90,8 @@ class _Changed(DataError):
 
 def _begun(path: str, task: Any, options: dict[str, Any], reading: dict[str, Any], topics: str) -> dict[str, Any]:
     full = os.fsencode(os.path.abspath(path)).decode("utf-8", "backslashreplace")  # a file name need not be text
-    known = {
-        "path": full,
-        "name": os.path.basename(full),
-        "topics": topics,
-        "each": False,
-        "others": [],
-        "bytes": None,
-        "sha256": None,
-        "date": None,
-    }
+    known = {"path": full, "name": os.path.basename(full), "topics": topics, "each": False, "others": []}
+    known |= dict.fromkeys(("bytes", "sha256", "date"))
     versions = {name: version_of(name) for name in ("jaxcal", "jax", "numpy")}
     return {"schema": SCHEMA, "log": known, "task": identity(task, options, reading), "versions": versions}
 

@@ -83,9 +83,7 @@ class Entry:
     @property
     def document(self) -> dict[str, Any]:
         """The whole result as in its file; `result` holds the results of the task."""
-        text = self._text if self.file is None else self.file.read_text(encoding="utf-8")
-        assert text is not None  # without a file the text is kept
-        return json.loads(text)
+        return json.loads((self._text or "") if self.file is None else self.file.read_text(encoding="utf-8"))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -321,6 +319,12 @@ def _curves(done: Sequence[Entry]) -> dict[str, dict[int, tuple[list[float], lis
     return found
 
 
+def _address(file: pathlib.Path | None) -> str | None:
+    """Where the page of a log is, or without one its result file, seen from the overview."""
+    best = None if file is None else page if (page := file.with_suffix(".html")).exists() else file
+    return best and f"{best.parent.name}/{best.name}"
+
+
 def overview(fleet: Fleet, identity: dict[str, Any]) -> dict[str, Any]:
     """The data of the overview page."""
     said: dict[str, list[str]] = {}
@@ -330,7 +334,7 @@ def overview(fleet: Fleet, identity: dict[str, Any]) -> dict[str, Any]:
     return {
         "task": identity, "logs": len(fleet), "names": [entry.name for entry in fleet.done],
         "dates": [entry.date for entry in fleet.done], "failed": [(entry.name, entry.reason) for entry in fleet.failed],
-        "files": [None if entry.file is None else f"{entry.file.parent.name}/{entry.file.name}" for entry in fleet.done],
+        "files": [_address(entry.file) for entry in fleet.done],
         "curves": _curves(fleet.done), "warnings": sorted(said.items(), key=lambda item: -len(item[1])),
         "spread": {name: dataclasses.asdict(one) for name, one in fleet.spread.items()},
     }  # fmt: skip

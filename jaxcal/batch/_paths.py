@@ -12,7 +12,7 @@ from .._errors import DataError
 #: endings of the log files that are taken from a folder
 SUFFIXES = (
     ".csv", ".txt", ".tsv", ".dat", ".log", ".gz", ".npy", ".npz", ".parquet", ".bag", ".db3", ".mcap",
-    ".ulg", ".bin", ".mat", ".h5", ".hdf5",
+    ".ulg", ".bin", ".mat", ".h5", ".hdf5", ".xlsx", ".xls", ".ods", ".tdms", ".lvm",
 )  # fmt: skip
 _MANIFEST = "manifest.json"
 _MAGIC = re.compile(r"[*?\[]")

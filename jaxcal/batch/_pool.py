@@ -57,13 +57,16 @@ def room(workers: int) -> float:
 
 
 def limits(threads: int) -> dict[str, str]:
-    """Environment of a worker: number of threads, no reservation of an accelerator's memory, the compilation cache of this process."""
+    """Environment of a worker: number of threads, no reservation of an accelerator's memory, the compilation cache of this process.
+
+    Further threads of a BLAS would wait in a loop, as `jaxcal.cli.main` says.
+    """
     from .._jax import setting
 
     count = str(threads)
     found = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-    found |= dict.fromkeys(("POLARS_MAX_THREADS", "NPROC"), count)
-    found |= {"PYTHON_CPU_COUNT": count, "XLA_PYTHON_CLIENT_PREALLOCATE": os.environ.get("XLA_PYTHON_CLIENT_PREALLOCATE", "false")}
+    found |= dict.fromkeys(("POLARS_MAX_THREADS", "NPROC", "PYTHON_CPU_COUNT"), count)
+    found |= {"XLA_PYTHON_CLIENT_PREALLOCATE": os.environ.get("XLA_PYTHON_CLIENT_PREALLOCATE", "false")}
     if threads == 1:
         found["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_multi_thread_eigen=false".strip()
     names = ("jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs", "jax_persistent_cache_min_entry_size_bytes")

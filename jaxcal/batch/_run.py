@@ -27,15 +27,15 @@ from ._pool import TRIES, GivenExecutor, WorkerPool, room
 from ._store import Store, write_manifest, write_summary
 from ._tasks import check_task, identity, reading_options
 
-#: s between checks of the clock, without an answer until an executor is asked whether it works, and between writes of the manifest
-_LOOK, _SILENCE, _MANIFEST_EVERY = 0.5, 5.0, 30.0
+#: s between checks of the clock, and without an answer until an executor is asked whether it works
+_LOOK, _SILENCE = 0.5, 5.0
 
 
 def run(
     paths: Checked[PathLike | Iterable[PathLike]], task: Checked[str | Callable[[Log], Any]] = "noise", *, executor: Executor | None = None,
     out: Checked[PathLike] | None = None, resume: bool = True, workers: int | None = None, options: dict[str, Any] | None = None,
     reading: dict[str, Any] | None = None, timeout: float | int | None = None, memory: float | int | None = None,
-    progress: Callable[[int, int, str], None] | None = None, each: bool = False,
+    progress: Callable[[int, int, str], None] | None = None, each: bool = False, reports: bool = False,
 ) -> Fleet:  # fmt: skip
     """Perform one task on many logs: a result for each log, the spread over all logs, and outliers.
 
@@ -76,6 +76,7 @@ def run(
     progress : called as progress(done, total, name) after each log.
     each : give a result for every IMU of a log that contains several (ULog, DataFlash, bags, groups of HDF5). By default only the IMU that
         `jaxcal.read` chooses is used, and a warning in the result says so.
+    reports : write a page for each log beside its result file, as `jaxcal.report.write` does; `overview.html` leads to it. Needs `out`.
 
     Returns
     -------
@@ -107,12 +108,14 @@ def run(
     """
     options, reading = dict(options or {}), dict(reading or {})
     _check(task, options, reading, executor, workers, timeout, memory)
-    store = None if out is None else Store(pathlib.Path(out))
+    store = None if out is None else Store(pathlib.Path(out), bool(reports))
     logs, unreadable = find_logs(paths, None if store is None else store.folder)
     if not logs and not unreadable:
         raise DataError(f"no logs at {paths!r}; give files, folders or patterns such as 'logs/*.csv'", code="no_logs")
     if each and reading.get("topics") is not None:
         raise DataError("each= reads every IMU of a log, and topics= in reading= one of them; leave one out", code="each")
+    if reports and store is None:
+        raise DataError("reports= writes pages beside the result files, and needs out=, a folder for them", code="reports")
     job = _Run(logs, unreadable, (task, options, reading), store, progress or (lambda done, total, name: None), bool(each))
     with contextlib.nullcontext() if store is None else store.held():
         job.work(executor, workers, timeout, memory, resume=bool(resume))
@@ -128,10 +131,9 @@ def _check(task: Any, options: dict, reading: dict, executor: Any, workers: Any,
         raise DataError(f"executor must be a concurrent.futures.Executor; got {type(executor).__name__}", code="executor")
     if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int) or workers < 1):
         raise DataError(f"workers must be a whole number, at least 1; got {workers!r}", code="workers")
-    if timeout is not None and not timeout > 0:
-        raise DataError(f"timeout must be a positive number of seconds; got {timeout!r}", code="timeout")
-    if memory is not None and not memory > 0:
-        raise DataError(f"memory must be a positive number of bytes; got {memory!r}", code="memory")
+    for name, limit, unit in (("timeout", timeout, "seconds"), ("memory", memory, "bytes")):
+        if limit is not None and not limit > 0:
+            raise DataError(f"{name} must be a positive number of {unit}; got {limit!r}", code=name)
     if (timeout is not None or memory is not None) and executor is not None:
         raise DataError("timeout= and memory= work with the processes of the run; an executor's workers cannot be stopped", code="timeout")
     if executor is None:
@@ -164,7 +166,6 @@ class _Run:
         self.entries: dict[tuple[pathlib.Path, str], Entry] = {}
         # the IMUs of each log by their topics; further IMUs are known once the first has been read
         self.imus: dict[pathlib.Path, list[str]] = {path: [""] for path in [*unreadable, *logs]}
-        self.noted = time.monotonic()
 
     def work(self, executor: Executor | None, workers: int | None, timeout: float | None, memory: float | None, *, resume: bool) -> None:
         """Compute every log that has no result yet."""
@@ -195,29 +196,23 @@ class _Run:
     def _left(self, store: Store) -> list[_Job]:
         """The logs without a matching result."""
         with ThreadPoolExecutor(min(4, os.cpu_count() or 1)) as pool:  # hashing releases the interpreter lock
-            known: dict[pathlib.Path, tuple[list[str], dict[str, Entry], Future]] = {}
-            for path in self.logs:
-                found = self._loaded(store, path, "")
-                # hash only logs that have a result of this task
-                if found is None:
+            had = [path for path in self.logs if store.file_of(path).exists()]
+            for path, (_, sha256) in zip(had, pool.map(fingerprint, had), strict=True):
+                if sha256 is None or (first := self._loaded(store, path, "")) is None or first["log"]["sha256"] != sha256:
                     continue
-                imus = ["", *(found["log"]["others"] if self.each else [])]
-                loaded = {one: self._loaded(store, path, one) for one in imus}
-                entries = {
-                    one: self._entry(_Job(path, one), each, None, None, kept=True) for one, each in loaded.items() if each is not None
-                }
-                known[path] = imus, entries, pool.submit(fingerprint, path)
-        for path, (imus, entries, sha256) in known.items():
-            same = {one: entry for one, entry in entries.items() if sha256.result()[1] == entry.sha256 is not None}
-            if "" in same:
-                self.imus[path] = imus
-                self.entries |= {(path, one): entry for one, entry in same.items()}
+                self.imus[path] = ["", *(first["log"]["others"] if self.each else [])]
+                for one in self.imus[path]:
+                    found = self._loaded(store, path, one) if one else first
+                    if found is not None and found["log"]["sha256"] == sha256:
+                        self.entries[path, one] = self._entry(_Job(path, one), found, None, None, kept=True)
         return [_Job(path, one) for path in self.logs for one in self.imus[path] if (path, one) not in self.entries]
 
     def _loaded(self, store: Store, path: pathlib.Path, topics: str) -> dict[str, Any] | None:
         """A result of this task that need not be tried again, or None."""
         found = store.load(path, topics)
         if found is None or found.get("task") != self.identity or found.get("again"):
+            return None
+        if store.reports and found["status"] == "done" and not store.page_of(path, topics).exists():
             return None
         # a result that was read without `each` does not list the other IMUs
         return found if not self.each or topics or found["log"].get("each") else None
@@ -230,7 +225,8 @@ class _Run:
         def fill() -> None:
             while waiting and pool.room:
                 job = waiting.popleft()
-                flying[asked(pool.submit, answer, str(job.path), *self.call, self.each, job.topics)] = job
+                page = None if self.store is None else self.store.new_page(job.path, job.topics)
+                flying[asked(pool.submit, answer, str(job.path), *self.call, self.each, job.topics, page)] = job
 
         def asked(function: Callable, *arguments: Any) -> Any:
             try:
@@ -305,8 +301,6 @@ class _Run:
         entry = self._entry(job, json.loads(text), seconds, text if self.store is None else None)
         self.entries[job.path, job.topics] = entry
         self.report(len(self.entries), self._total, entry.name)
-        if time.monotonic() - self.noted > _MANIFEST_EVERY:
-            self._note()
 
     @property
     def _total(self) -> int:
@@ -323,7 +317,6 @@ class _Run:
 
     def _note(self) -> None:
         """Write the manifest if there is a folder."""
-        self.noted = time.monotonic()
         if self.store is not None:
             write_manifest(self.store.folder, self._ordered(), self.identity, self._total)
 

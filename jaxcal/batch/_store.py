@@ -11,7 +11,6 @@ import pathlib
 import platform
 import re
 import sys
-import threading
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -21,17 +20,15 @@ from .._files import clear_hidden, json_text, version_of, write_atomically
 from ._fleet import Entry
 
 SCHEMA = "jaxcal.batch/1"
-_HELD: set[str] = set()  # folders that this process writes to: on some systems a file lock does not separate the threads of one process
-_GUARD = threading.Lock()
 #: the first columns of the table, and their types in Parquet
 _FIRST = dict.fromkeys(("log", "topics", "status", "reason", "date", "sha256"), "String") | {"seconds": "Float64", "warnings": "Int64"}
 
 
 class Store:
-    """Result files in `folder`/results; each is complete or absent."""
+    """Result files in `folder`/results; each is complete or absent. With `reports` there is a page beside each."""
 
-    def __init__(self, folder: pathlib.Path) -> None:
-        self.folder = folder
+    def __init__(self, folder: pathlib.Path, reports: bool) -> None:
+        self.folder, self.reports = folder, reports
         self.results = folder / "results"
 
     def file_of(self, log: str | os.PathLike[str], topics: str = "") -> pathlib.Path:
@@ -43,6 +40,15 @@ class Store:
         name = re.sub(r"[^A-Za-z0-9_-]+", "_", os.path.basename(path).rsplit(".", 1)[0]).strip("_")[:80] or "log"
         key = os.fsencode(path) + (b"\0" + topics.encode() if topics else b"")
         return self.results / f"{name}-{hashlib.sha256(key).hexdigest()[:10]}.json"
+
+    def page_of(self, log: str | os.PathLike[str], topics: str = "") -> pathlib.Path:
+        """The page of a log, which exists if reports were asked for."""
+        return self.file_of(log, topics).with_suffix(".html")
+
+    def new_page(self, log: str | os.PathLike[str], topics: str) -> str | None:
+        """Where to write a page for a new result, if at all. The page of an earlier result is removed."""
+        (page := self.page_of(log, topics)).unlink(missing_ok=True)
+        return str(page) if self.reports else None
 
     def load(self, log: str | os.PathLike[str], topics: str = "") -> dict[str, Any] | None:
         """The result of a log; None if there is none, or the file was not written by jaxcal."""
@@ -62,12 +68,7 @@ class Store:
         except OSError as error:
             reason = (error.strerror or str(error)).lower()
             raise ExportError(f"cannot write into {self.folder}: {reason}; give another folder", code="not_written") from error
-        key = os.path.realpath(self.folder)
-        with _GUARD:
-            taken = key in _HELD or not _locked(handle)
-            if not taken:
-                _HELD.add(key)
-        if taken:
+        if not _locked(handle):
             os.close(handle)
             raise DataError(f"another run is writing into {self.folder}; wait for its end, or give another folder", code="busy")
         try:
@@ -78,8 +79,6 @@ class Store:
                     left.unlink()
             yield
         finally:
-            with _GUARD:
-                _HELD.discard(key)
             os.close(handle)
 
 

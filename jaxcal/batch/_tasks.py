@@ -19,37 +19,14 @@ from ..evidence._values import at_own_rate
 from ..io._suited import unsuited
 from ._findings import FINDINGS
 
-Answer = tuple[Any, dict[str, Number], list[Any]]
 
-
-def noise(log: Log, **options: Any) -> Answer:
-    """Fit the noise coefficients of every channel."""
-    from ..noise import characterise
-
-    return answer_of(characterise(log, **options), log)
-
-
-def mag(log: Log, **options: Any) -> Answer:
+def mag(log: Log, **options: Any) -> Any:
     """Fit hard and soft iron."""
     from ..magnetometer import fit
 
     if log.mag is None or log.mag.shape[1] != 3:
         raise DataError(Message("the log has no magnetometer of three axes; name its columns with {option.columns}"), code="no_mag")
-    return answer_of(fit(log.mag[np.isfinite(log.mag).all(axis=1)], **options), log)
-
-
-def imu(log: Log, **options: Any) -> Answer:
-    """Calibrate both triads from still poses and the turns between them."""
-    from ..imu import multi_position
-
-    return answer_of(multi_position(log, **options), log)
-
-
-def temperature(log: Log, **options: Any) -> Answer:
-    """Fit the thermal model of every channel."""
-    from ..temperature import characterise
-
-    return answer_of(characterise(log, **options), log)
+    return fit(log.mag[np.isfinite(log.mag).all(axis=1)], **options)
 
 
 def no_sensor() -> DataError:
@@ -72,16 +49,18 @@ def deviations(log: Log, name: str = "", **options: Any) -> Results[Any]:
     return Deviations(found)
 
 
-def allan(log: Log, **options: Any) -> Answer:
-    """Compute the deviation of every channel; a fleet is compared at powers of ten of the cluster time."""
-    return answer_of(deviations(log, **options), log)
-
-
-#: name of a task -> its function, and the function whose options it takes
-TASKS: dict[str, tuple[Callable[..., Answer], str]] = {
-    "noise": (noise, "noise.characterise"), "mag": (mag, "magnetometer.fit"), "imu": (imu, "imu.multi_position"),
-    "temperature": (temperature, "temperature.fit"), "allan": (allan, "allan.deviation"),
+#: name of a task -> the function whose options it takes, and what is called with the log: a function, or the place of one
+TASKS: dict[str, tuple[str, str | Callable[..., Any]]] = {
+    "noise": ("noise.characterise", "noise.characterise"), "mag": ("magnetometer.fit", mag),
+    "imu": ("imu.multi_position", "imu.multi_position"), "temperature": ("temperature.fit", "temperature.characterise"),
+    "allan": ("allan.deviation", deviations),
 }  # fmt: skip
+
+
+def _public(place: str) -> Callable[..., Any]:
+    """A public function of jaxcal, such as "noise.fit"."""
+    part, _, function = place.partition(".")
+    return getattr(importlib.import_module(f"..{part}", __package__), function)
 
 
 def check_task(task: Any, options: dict[str, Any]) -> None:
@@ -92,15 +71,14 @@ def check_task(task: Any, options: dict[str, Any]) -> None:
         return
     if task not in TASKS:
         raise DataError(f"there is no task {task!r}; expected one of {', '.join(TASKS)}, or a function Log -> result", code="task")
-    part, _, function = TASKS[task][1].partition(".")
-    parameters = inspect.signature(getattr(importlib.import_module(f"..{part}", __package__), function)).parameters.values()
+    parameters = inspect.signature(_public(TASKS[task][0])).parameters.values()
     known = [each.name for each in parameters if each.kind is each.KEYWORD_ONLY and each.name not in ("progress", "time", "data", "rate")]
     unknown = [name for name in options if name not in known]
     if unknown:
         raise DataError(f"task {task!r} has no option {', '.join(unknown)}; it takes {', '.join(known)}", code="option")
 
 
-def answer_of(result: Any, log: Log) -> Answer:
+def answer_of(result: Any, log: Log) -> tuple[Any, dict[str, Number], list[Any]]:
     """The document of a result, its numbers, and its findings.
 
     Numbers that an option or convention holds are left out, and so are details without an interval: they describe the log, not the
@@ -123,18 +101,22 @@ def answer_of(result: Any, log: Log) -> Answer:
     return result.to_dict(log), found, list(result.findings)
 
 
-def perform(task: Any, log: Log, options: dict[str, Any]) -> dict[str, Any]:
-    """Perform the task: the result as in JSON, its numbers, and findings."""
+def perform(task: Any, log: Log, options: dict[str, Any], page: str | None = None) -> dict[str, Any]:
+    """Perform the task: the result as in JSON, its numbers, and findings. A report of it is written to `page`."""
     if isinstance(task, str):
         still = task in ("noise", "allan")
         log = log.cleaned(still, left=() if still else ("clipped", "zeroed"))
         if wrong := unsuited(task, log, str(log.provenance.get("file", "LOG"))):
             raise DataError(wrong, code="unsuited")
-        document, found, said = TASKS[task][0](log, **options)
-    else:
-        result = task(log, **options)
-        document, found, said = answer_of(result, log) if isinstance(result, Result | Results) else (plain(result), {}, [])
-        found = found or _numbers(document)
+        called = TASKS[task][1]
+        task = functools.partial(_public(called) if isinstance(called, str) else called, **options)
+    result = task(log)
+    ours = isinstance(result, Result | Results)
+    document, found, said = answer_of(result, log) if ours else (own := plain(result), _numbers(own), [])
+    if ours and page is not None:
+        from ..report import write
+
+        write(result, page, log=log)
     findings = [one if isinstance(one, Finding) else FINDINGS("said", text=one) for one in (*log.findings, *said)]
     kept = [{key: one.to_dict()[key] for key in ("code", "severity", "subject", "text")} for one in ordered(dict.fromkeys(findings))]
     return {"findings": kept, "numbers": plain({name: one.to_dict() for name, one in found.items()}), "result": document}

@@ -96,7 +96,7 @@ def _thermal(thermal: Thermal | None, log: Log, sensor: str, y: AnyArray, has_bi
             said.append(CORRECTED("no_thermal_model", name))
             continue
         model, constant = models[axis], thermal.constant(name)
-        felt, change, _ = model.effective(t, rate=log.rate)
+        felt, change = model.effective(t, rate=log.rate)
         _outside(name, felt, float(model.low), float(model.high), said)
         offset[:, i] = np.asarray(model.curve.value(np.clip(felt, model.low, model.high))) + change
         if constant == 0 or has_bias or sensor != "gyro":

@@ -35,6 +35,7 @@ class FleetRunning:
     each: Annotated[
         bool, Parameter(help="A result for every IMU of a log that holds several (ULog, DataFlash, bags, HDF5), not only for the first.")
     ] = False
+    reports: Annotated[bool, Parameter(help="Write a page for each log beside its result file.")] = False
     again: Annotated[bool, Parameter(help="Compute every log anew, also those that are done.")] = False
     quiet: Quiet = False
     config: Config = None
@@ -83,8 +84,9 @@ def batch(
         fleet = jaxcal.batch.run(
             list(paths), task, out=out, resume=not running.again, workers=running.workers, options=options, reading=known,
             timeout=running.timeout, memory=None if running.memory is None else 1e9 * running.memory, progress=move, each=running.each,
+            reports=running.reports,
         )  # fmt: skip
-    _show(screen, fleet)
+    _show(screen, fleet, running.reports)
     if not fleet.done:
         raise jaxcal.DataError(f"none of {_logs(len(fleet))} could be answered; the first: {fleet.failed[0].reason}")
 
@@ -106,7 +108,7 @@ def _joined(value: Any) -> Any:
     return ",".join(value) if isinstance(value, tuple) else value
 
 
-def _show(screen: Screen, fleet: Any) -> None:
+def _show(screen: Screen, fleet: Any, reports: bool) -> None:
     """Print the table of the fleet, outliers and trends, and failures."""
     kept = sum(entry.kept for entry in fleet)
     there = f"; {kept} of them were there already" if kept else ""
@@ -127,7 +129,8 @@ def _show(screen: Screen, fleet: Any) -> None:
         screen.lines(titled(title, bullets(_first(list(dict.fromkeys(said))))))
     written = [fleet.out / name for name in ("overview.html", "summary.csv", "summary.parquet", "manifest.json")]
     show_written(screen, [path for path in written if path.exists()])
-    screen.lines([f"and a result file for each log in {fleet.out / 'results'}"])
+    what = "a result file and a page" if reports else "a result file"
+    screen.lines([f"and {what} for each log in {fleet.out / 'results'}"])
 
 
 def _logs(number: int) -> str:

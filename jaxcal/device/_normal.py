@@ -81,13 +81,10 @@ def inertial(model: DeviceModel, w: Windows, sensitivity: bool = False, lever: b
     # derivatives of the rate and of the rotation in each step, by the columns TURNING
     many = len(columns)
     rate_by, raw_by = np.zeros((count, steps + 1, 3, many)), np.zeros((count, steps, 3, many))
-    for a in range(3):
-        for b in range(3):
-            rate_by[..., 3 * a + b] = -gyro[:, a] * rate[..., b, None]
-            raw_by[..., 3 * a + b] = -gyro[:, a] * plain[..., b, None]
-            if sensitivity:
-                rate_by[..., 12 + 3 * a + b] = -gyro[:, a] * force[..., b, None]
-                raw_by[..., 12 + 3 * a + b] = -gyro[:, a] * (h / 2 * (force[:, 1:, b] + force[:, :-1, b]))[..., None]
+    by_matrix = lambda x: -np.einsum("ca,kib->kicab", gyro, x).reshape(*x.shape, 9)  # noqa: E731
+    rate_by[..., :9], raw_by[..., :9] = by_matrix(rate), by_matrix(plain)
+    if sensitivity:
+        rate_by[..., 12:21], raw_by[..., 12:21] = by_matrix(force), by_matrix(h / 2 * (force[:, 1:] + force[:, :-1]))
     rate_by[..., 9:12], raw_by[..., 9:12] = -gyro, -h * gyro
     rate_by[..., -2], raw_by[..., -2] = w.slope @ gyro.T, (w.rate[:, 1:] - w.rate[:, :-1]) @ gyro.T
     rate_by[..., -1], raw_by[..., -1] = -w.curve @ gyro.T, -np.diff(w.slope, axis=1) @ gyro.T
@@ -101,9 +98,7 @@ def inertial(model: DeviceModel, w: Windows, sensitivity: bool = False, lever: b
     late = w.field_time[..., None]
     part = np.asarray(w.field_turn - late * (model.gyro.bias + pull[:, :-1])) @ gyro.T
     part_by = late[..., None] * rate_by[:, :-1]
-    for a in range(3):
-        for b in range(3):
-            part_by[..., 3 * a + b] = -gyro[:, a] * part[..., b, None]
+    part_by[..., :9] = by_matrix(part)
     part_by[..., -2] = (w.field_rate - w.rate[:, :-1]) @ gyro.T
     part_by[..., -1] = -late / h * np.diff(w.slope, axis=1) @ gyro.T
     ahead = rotation[:, :-1] @ left_jacobian(part)
@@ -127,9 +122,7 @@ def inertial(model: DeviceModel, w: Windows, sensitivity: bool = False, lever: b
             force_by[..., own] = -np.einsum("wi,kia,kic->kwac", weights, rotation[..., axis], bent[..., axis, :], optimize=True)
         # derivatives, over the columns of the gyroscope, of the accelerations of the elements relative to that of x
         swung_by, spin_by = np.zeros_like(rate_by), np.zeros_like(rate_by)
-        for a in range(3):
-            for b in range(3):
-                spin_by[..., 3 * a + b] = -gyro[:, a] * spin[..., b, None]
+        spin_by[..., :9] = by_matrix(spin)
         spin_by[..., -2] = w.curve @ gyro.T
         for axis, arm in enumerate(arms, start=1):
             swing = skew(np.cross(rate, arm)) @ rate_by + skew(rate) @ skew(arm) @ rate_by + skew(arm) @ spin_by

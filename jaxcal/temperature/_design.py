@@ -72,7 +72,7 @@ def part_of(t: AnyArray, b: AnyArray, dt: float, *, smooth: bool = True) -> Part
         return t if window < 5 else np.asarray(scipy.signal.savgol_filter(t, window, 2))
 
     # use the same filter as the model, because it attenuates a quickly changing rate
-    return Part(local(_LOCAL) if smooth else t, rate_of(local(_LOCAL_RATE), dt)[0], b)
+    return Part(local(_LOCAL) if smooth else t, rate_of(local(_LOCAL_RATE), dt), b)
 
 
 class Design:
@@ -91,7 +91,7 @@ class Design:
 
     def filtered(self, lag: float, play: float) -> AnyArray:
         """Temperature at the sensor, behind lag and play."""
-        return np.concatenate([felt(part.t, lag, play, self.dt)[1] for part in self.parts])
+        return np.concatenate([felt(part.t, lag, play, self.dt) for part in self.parts])
 
     def rate(self, slow: float) -> AnyArray:
         """dT/dt behind a lag, degC/s."""

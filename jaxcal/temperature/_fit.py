@@ -28,17 +28,10 @@ MODELS = ("auto", "polynomial", "table")
 
 @host_float64
 def fit(
-    temperature: Samples,
-    bias: Samples,
-    *,
-    model: Checked[str | ThermalModel | AbstractCurve | type[AbstractCurve]] = "auto",
-    degree: int | None = None,
-    time: Samples | None = None,
-    lag: Checked[Real | str] | None = None,
-    play: Checked[Real | str] | None = None,
-    sensor: str = "",
-    confidence: float = 0.95,
-) -> Any:
+    temperature: Samples, bias: Samples, *, model: Checked[str | ThermalModel | AbstractCurve | type[AbstractCurve]] = "auto",
+    degree: int | None = None, time: Samples | None = None, lag: Checked[Real | str] | None = None,
+    play: Checked[Real | str] | None = None, sensor: str = "", confidence: float = 0.95,
+) -> Any:  # fmt: skip
     r"""Fit the bias of a sensor at rest as a function of its temperature: a smooth curve, jumps, hysteresis and noise.
 
     .. math:: b = \sum_m q_m C_m(u) + \sum_j \frac{p_j}{1 + e^{-(T_e - t_j)/w_j}} + c\,L_{\tau'}(\dot T) + n(t),\qquad
@@ -112,11 +105,10 @@ def fit(
 
 
 def _check(model: Any, degree: Any, lag: Any, play: Any, confidence: float, time: Any) -> tuple[Any, Any]:
-    own = isinstance(model, AbstractCurve)
-    if not own and model not in MODELS:
+    if (name := model if isinstance(model, str) else "") not in MODELS and not isinstance(model, AbstractCurve):
         raise DataError(f"unknown model {model!r}; expected one of {', '.join(MODELS)}, or a curve", code="model")
-    polynomial, auto = not own and model == "polynomial", not own and model == "auto"
-    if polynomial != (degree is not None):
+    auto = name == "auto"
+    if (name == "polynomial") != (degree is not None):
         said = "{option.model:polynomial} and {option.degree} go together; {option.model:auto} has as much freedom as the data support"
         raise DataError(Message(said), code="degree")
     if degree is not None and (not isinstance(degree, (int, np.integer)) or isinstance(degree, bool) or not 0 <= degree <= DEGREE):
@@ -250,14 +242,10 @@ def _thermometer(curve: AbstractCurve, bins: Bins, noise: float, rms: float, qua
     return [FINDINGS("thermometer", cost=adds[worst], noise=noise, adds=Quantity(float(adds[worst]), quantity), at=float(bins.t[worst]))]
 
 
-#: degC, width of the windows among which the worst residual is named: a degree, in which users read curves
-_WINDOW = 1.0
-
-
 def _windows(bins: Bins, residual: AnyArray) -> tuple[float, float, float]:
-    """Rms of all residuals, and rms and centre of the worst window."""
-    degree = np.floor((bins.t - bins.t[0]) / _WINDOW).astype(int)
+    """Rms of all residuals, and rms and centre of the worst window of a degree, in which users read curves."""
+    degree = np.floor(bins.t - bins.t[0]).astype(int)
     square, count = np.bincount(degree, bins.count * residual**2), np.bincount(degree, bins.count)
     mean = square / np.maximum(count, 1)
     worst = int(np.argmax(mean))
-    return float(np.sqrt(square.sum() / count.sum())), float(np.sqrt(mean[worst])), float(bins.t[0]) + _WINDOW * (worst + 0.5)
+    return float(np.sqrt(square.sum() / count.sum())), float(np.sqrt(mean[worst])), float(bins.t[0]) + worst + 0.5

@@ -50,7 +50,7 @@ def lagged(temperature: Numbers, dt: Real, tau: Real, start: Real | None = None)
     return _scanned(xp, keep, follow, first, lambda a, b: (a[0] * b[0], b[0] * a[1] + b[1]), lambda m, x: m[0] * x + m[1])
 
 
-def played(temperature: Numbers, play: Real, start: Real | None = None) -> AnyArray:
+def played(temperature: Numbers, play: Real) -> AnyArray:
     r"""Compute the temperature behind a backlash of half-width h.
 
     .. math:: P_k = \min(\max(P_{k-1}, T_k - h), T_k + h)
@@ -59,7 +59,6 @@ def played(temperature: Numbers, play: Real, start: Real | None = None) -> AnyAr
     ----------
     temperature : (n,) degC.
     play : h in degC; 0 returns the temperature itself.
-    start : state before the first sample, degC; None uses the first sample.
 
     Examples
     --------
@@ -68,23 +67,23 @@ def played(temperature: Numbers, play: Real, start: Real | None = None) -> AnyAr
     >>> print(played(np.array([20.0, 21.0, 20.5, 20.0]), 0.4))
     [20.  20.6 20.6 20.4]
     """
-    xp = array_module(temperature, play, start)
+    xp = array_module(temperature, play)
     t, h = common(xp, temperature, play)
 
     def compose(a: _Maps, b: _Maps) -> _Maps:
         return xp.clip(a[0], b[0], b[1]), xp.clip(a[1], b[0], b[1])
 
-    return _scanned(xp, t - h, t + h, t[0] if start is None else start, compose, lambda m, x: xp.clip(x, m[0], m[1]))
+    return _scanned(xp, t - h, t + h, t[0], compose, lambda m, x: xp.clip(x, m[0], m[1]))
 
 
-def felt(temperature: Any, lag: Any, play: Any, steps: Any = None, state: tuple[Any, Any] = (None, None)) -> tuple[AnyArray, AnyArray]:
-    """Temperature behind the lag, and behind lag and play; `steps` is dt of `lagged`, `state` both values before the first sample."""
-    behind = lagged(temperature, steps, lag, state[0]) if is_traced(lag) or lag > 0 else temperature
-    return behind, played(behind, play, state[1]) if is_traced(play) or play > 0 else behind
+def felt(temperature: Any, lag: Any, play: Any, steps: Any = None) -> AnyArray:
+    """Temperature behind lag and play; `steps` is dt of `lagged`."""
+    behind = lagged(temperature, steps, lag) if is_traced(lag) or lag > 0 else temperature
+    return played(behind, play) if is_traced(play) or play > 0 else behind
 
 
-def rate_of(temperature: Any, dt: Any, behind: Any = 0.0, state: Any = None) -> tuple[AnyArray, Any]:
-    r"""Rate of change dT/dt in degC/s behind its own lag, and the state of the filters after the last sample.
+def rate_of(temperature: Any, dt: Any, behind: Any = 0.0) -> AnyArray:
+    r"""Rate of change dT/dt in degC/s behind its own lag. The filters start from a line through the first minute.
 
     .. math:: \dot T \approx (3 - 2 L)\,L\,\frac{T - L T}{\tau_0}\quad\text{with L the filter of `lagged` for } \tau_0 = 45\,\text{s}
 
@@ -94,25 +93,19 @@ def rate_of(temperature: Any, dt: Any, behind: Any = 0.0, state: Any = None) -> 
     Parameters
     ----------
     temperature : (n,) degC. dt : see `lagged`. behind : tau in s.
-    state : state after an earlier part; None starts from a line through the first minute.
     """
     xp = array_module(temperature, dt, behind)
     t, dt, behind = common(xp, temperature, dt, behind)
-    if state is None:
-        along = xp.cumsum(xp.broadcast_to(dt, t.shape))
-        inside = (along - along[0] <= _BEGIN).astype(t.dtype)
-        centred = (along - xp.sum(inside * along) / xp.sum(inside)) * inside
-        square = xp.sum(centred**2)
-        slope = xp.sum(centred * t) / xp.where(square > 0, square, 1)
-        first = xp.sum(inside * t) / xp.sum(inside) - slope * (xp.sum(inside * along) / xp.sum(inside) - along[0] + dt.ravel()[0])
-        state = first - slope * _SMOOTH, slope, slope, slope
-    a = lagged(t, dt, _SMOOTH, state[0])
-    r = lagged((t - a) / _SMOOTH, dt, _SMOOTH, state[1])
-    second = lagged(r, dt, _SMOOTH, state[2])
+    along = xp.cumsum(xp.broadcast_to(dt, t.shape))
+    inside = (along - along[0] <= _BEGIN).astype(t.dtype)
+    middle = xp.sum(inside * along) / xp.sum(inside)
+    centred = (along - middle) * inside
+    square = xp.sum(centred**2)
+    slope = xp.sum(centred * t) / xp.where(square > 0, square, 1)
+    first = xp.sum(inside * t) / xp.sum(inside) - slope * (middle - along[0] + dt.ravel()[0])
+    r = lagged((t - lagged(t, dt, _SMOOTH, first - slope * _SMOOTH)) / _SMOOTH, dt, _SMOOTH, slope)
     # the filter L and the difference each delay by tau_0; the factor 3 - 2 L removes both delays
-    sharp = 3 * r - 2 * second
-    slow = lagged(sharp, dt, behind, state[3])
-    return slow, (a[-1], r[-1], second[-1], slow[-1])
+    return lagged(3 * r - 2 * lagged(r, dt, _SMOOTH, slope), dt, behind, slope)
 
 
 def steps_of(time: Any) -> AnyArray:

@@ -13,9 +13,6 @@ from ._curves import AbstractCurve, common
 from ._hysteresis import felt, rate_of, steps_of
 from ._record import FINE
 
-Times = Numbers | None
-Hz = Real | None
-
 
 class ClampWarning(UserWarning):
     """Warning that temperatures outside the range of a model were replaced by its nearest end.
@@ -74,29 +71,23 @@ class ThermalModel(Model):
     rate_lag: Leaf = 0.0
 
     @host_float64
-    def bias_at(self, temperature: Numbers, rate_of_change: Numbers | None = None) -> AnyArray:
-        """Compute the bias at temperatures; with `rate_of_change` on a steady ramp: f(T - tau dT/dt - h sign(dT/dt)) + c dT/dt.
+    def bias_at(self, temperature: Numbers) -> AnyArray:
+        """Compute the bias f(T) at steady temperatures.
 
         Parameters
         ----------
         temperature : (n,) or one, degC.
-        rate_of_change : dT/dt in degC/s, one or (n,); None for a steady temperature.
 
         Returns
         -------
         (n,) or (), in the unit of the channel. A `ClampWarning` reports temperatures outside the range.
         """
-        xp = array_module(self, temperature, rate_of_change)
-        t, lag, play, own = common(xp, temperature, self.lag, self.play, self.rate)
-        if rate_of_change is None:
-            return self._value(t)
-        rate = common(xp, rate_of_change, t)[0]
-        return self._value(t - lag * rate - play * xp.sign(rate)) + own * rate
+        return self._value(temperature)
 
     @host_float64
     def measure(self, x: Numbers, temperature: Numbers, *, time: Numbers | None = None, rate: Real | None = None) -> AnyArray:
         """Compute the readings of a true input, x + b(T); the inverse of `correct`, with its parameters."""
-        x, value, _ = self._at(x, temperature, time, rate, None)
+        x, value = self._at(x, temperature, time, rate)
         return x + value
 
     @host_float64
@@ -118,40 +109,26 @@ class ThermalModel(Model):
         DataError
             If the lengths differ, or the model has a lag or a rate term and the times are unknown.
         """
-        return self.correct_chunk(y, temperature, time=time, rate=rate)[0]
+        y, value = self._at(y, temperature, time, rate)
+        return y - value
 
-    @host_float64
-    def correct_chunk(
-        self, y: Numbers, temperature: Numbers, *, time: Times = None, rate: Hz = None, state: tuple[Any, ...] | None = None
-    ) -> tuple[Any, Any]:
-        """Correct one part of a stream like `correct`; also return the state to pass to the call for the next part.
-
-        If the model has a rate term, the first part should last a minute, because the filter starts from a line through it. With `time`,
-        the step before a part is assumed to be its first step; parts of one sample need `rate`.
-        """
-        y, value, state = self._at(y, temperature, time, rate, state)
-        return y - value, state
-
-    def _at(self, y: Numbers, temperature: Numbers, time: Numbers | None, rate: Real | None, state: Any) -> tuple[Any, Any, Any]:
-        """Readings and bias of every sample, in one dtype, and the state after the last sample."""
+    def _at(self, y: Numbers, temperature: Numbers, time: Numbers | None, rate: Real | None) -> tuple[Any, Any]:
+        """Readings and bias of every sample, in one dtype."""
         if np.shape(y) != np.shape(temperature) or np.ndim(temperature) != 1 or not np.size(temperature):
             raise DataError(f"y has shape {np.shape(y)} and temperature {np.shape(temperature)}; give one temperature per reading")
         xp = array_module(self, y, temperature)
         t, y = common(xp, temperature, y)
         if not is_traced(t) and not np.isfinite(t).all():
             raise DataError(f"{np.count_nonzero(~np.isfinite(t))} temperatures are not finite; interpolate the thermometer first")
-        t, further, state = self.effective(t, time=time, rate=rate, state=state)
-        return y, self._value(t) + further, state
+        t, further = self.effective(t, time=time, rate=rate)
+        return y, self._value(t) + further
 
-    def effective(
-        self, temperature: Numbers, *, time: Times = None, rate: Hz = None, state: tuple[Any, ...] | None = None
-    ) -> tuple[Any, Any, Any]:
-        """Temperature at the sensor (not clipped), bias due to the rate of change, and the state of all filters after the last sample."""
+    def effective(self, temperature: Numbers, *, time: Numbers | None = None, rate: Real | None = None) -> tuple[Any, Any]:
+        """Temperature at the sensor (not clipped), and bias due to the rate of change."""
         moves = is_traced(self.rate) or self.rate != 0
         steps = _steps(temperature, time, rate) if moves or is_traced(self.lag) or self.lag > 0 else None
-        behind, both = felt(temperature, self.lag, self.play, steps, (None, None) if state is None else state[:2])
-        change, slow = rate_of(temperature, steps, self.rate_lag, None if state is None else state[2]) if moves else (0.0, None)
-        return both, self.rate * change, (behind[-1], both[-1], slow)
+        change = rate_of(temperature, steps, self.rate_lag) if moves else 0.0
+        return felt(temperature, self.lag, self.play, steps), self.rate * change
 
     def _value(self, t: Any) -> Any:
         xp = array_module(self, t)

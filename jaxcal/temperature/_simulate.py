@@ -71,18 +71,10 @@ def reference_bias(temperature: Numbers, jump: float = np.deg2rad(0.3)) -> AnyAr
 
 @host_float64
 def simulate(
-    *,
-    jump: float = np.deg2rad(0.3),
-    profile: str = "ramp",
-    lag: float = 0.0,
-    play: float = 0.0,
-    noise: float = np.deg2rad(4e-3),
-    walk: float = np.deg2rad(2e-5),
-    thermometer: float = 0.02,
-    duration: float = 5400.0,
-    rate: float = 1.0,
+    *, jump: float = np.deg2rad(0.3), profile: str = "ramp", lag: float = 0.0, play: float = 0.0, noise: float = np.deg2rad(4e-3),
+    walk: float = np.deg2rad(2e-5), thermometer: float = 0.02, duration: float = 5400.0, rate: float = 1.0,
     seed: int | np.random.Generator = 0,
-) -> Simulated:
+) -> Simulated:  # fmt: skip
     """Simulate a gyroscope channel at rest while the temperature changes between 20 and 45 degC.
 
     Parameters
@@ -125,6 +117,6 @@ def simulate(
     time = np.arange(n) / rate
     middle, half = (_HIGH + _LOW) / 2, (_HIGH - _LOW) / 2
     t = np.linspace(_LOW, _HIGH, n) if profile == "ramp" else middle + half * np.sin(2 * np.pi * time / _PERIOD)
-    truth = reference_bias(felt(t, lag, play, 1 / rate)[1], jump)
+    truth = reference_bias(felt(t, lag, play, 1 / rate), jump)
     bias = truth + noise * random.standard_normal(n) + np.cumsum(walk * random.standard_normal(n))
     return Simulated(time, t + thermometer * random.standard_normal(n), bias, t, truth)

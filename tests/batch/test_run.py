@@ -178,6 +178,19 @@ def test_noise_has_no_value_where_a_term_is_not_there(tmp_path, pool):
     assert entry.document["result"]["schema"] == "jaxcal.NoiseFits/1"
 
 
+def test_pages_of_single_logs_are_made_on_demand(tmp_path, pool, refuses):
+    (path,) = make_logs(tmp_path, 1, samples=2000)
+    call = {"executor": pool, "options": {"terms": ("N",)}, "out": tmp_path / "out"}
+    kept = [run([path], "noise", **call, reports=reports).done[0].kept for reports in (False, True, True, False)]
+    assert kept == [False, False, True, True]  # a result without its page is computed again
+    (page,) = (tmp_path / "out" / "results").glob("*.html")
+    assert f"results/{page.name}" in (tmp_path / "out" / "overview.html").read_text()
+    run([path], "noise", **call, resume=False)
+    assert not page.exists()
+    with refuses("reports"):
+        run([path], "noise", reports=True)
+
+
 @pytest.mark.parametrize(
     ("change", "code"),
     [

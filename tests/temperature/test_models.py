@@ -77,26 +77,6 @@ def test_correct_takes_the_bias_off_at_the_effective_temperature(precision):
     np.testing.assert_allclose(model.correct(model.measure(y, t, rate=2.0), t, rate=2.0), y, atol=1e-14)
 
 
-def test_a_stream_in_parts_is_the_whole():
-    model = ThermalModel(STEPPED, 20.0, 45.0, lag=30.0, play=0.2)
-    t = 32 + 12 * np.sin(np.arange(500) / 60)
-    y = np.zeros(500)
-    state, parts = None, []
-    for part in (slice(0, 1), slice(1, 200), slice(200, 500)):
-        corrected, state = model.correct_chunk(y[part], t[part], rate=2.0, state=state)
-        parts.append(corrected)
-    np.testing.assert_allclose(np.concatenate(parts), model.correct(y, t, rate=2.0), atol=1e-13)
-
-
-def test_on_a_steady_ramp_the_rate_stands_for_the_filters():
-    model = ThermalModel(BASE, 20.0, 45.0, lag=40.0, play=0.3)
-    t = np.linspace(22.0, 44.0, 4000)
-    rate = (t[1] - t[0]) / 1.0
-    exact = -model.correct(np.zeros(4000), t, rate=1.0)
-    np.testing.assert_allclose(model.bias_at(t, rate)[1000:], exact[1000:], atol=1e-4)
-    np.testing.assert_allclose(model.bias_at(t), BASE.value(t), atol=1e-14)
-
-
 def test_outside_its_range_a_model_keeps_its_end_and_says_so():
     model = ThermalModel(BASE, 20.0, 45.0)
     with pytest.warns(ClampWarning, match=r"40 % of the temperatures \(10.00 to 50.00 degC\) are outside the range of the model, 20.00 to"):
