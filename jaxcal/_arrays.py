@@ -153,9 +153,9 @@ def _listed(words: list[str]) -> str:
 
 def from_vector(v: np.ndarray) -> np.ndarray:
     """Rotation matrices (..., 3, 3) of rotation vectors (..., 3), of NumPy."""
-    square = np.sum(v * v, axis=-1, keepdims=True)
-    angle = np.sqrt(square)
-    return _turn(v, square, np.sinc(angle / np.pi), np.sinc(angle / (2 * np.pi)) ** 2 / 2)
+    angle = np.sqrt(np.sum(v * v, axis=-1))[..., None, None]
+    cross = skew(v)
+    return np.eye(3) + np.sinc(angle / np.pi) * cross + np.sinc(angle / (2 * np.pi)) ** 2 / 2 * (cross @ cross)
 
 
 def to_vector(r: np.ndarray) -> np.ndarray:
@@ -168,17 +168,9 @@ def to_vector(r: np.ndarray) -> np.ndarray:
 
 def left_jacobian(v: np.ndarray) -> np.ndarray:
     """Left Jacobian (..., 3, 3) of rotation vectors below 1 rad, by its series, of NumPy."""
-    square = np.sum(v * v, axis=-1, keepdims=True)
+    cross, square = skew(v), np.sum(v * v, axis=-1)[..., None, None]
     one, two = 1 - square / 12 * (1 - square / 30), 1 - square / 20 * (1 - square / 42)
-    return _turn(v, square, one / 2, two / 6)
-
-
-def _turn(v: np.ndarray, square: np.ndarray, one: np.ndarray, two: np.ndarray) -> np.ndarray:
-    """(..., 3, 3) I + one [v] + two [v]^2; [v]^2 is v v' less its `square` (..., 1) on the diagonal."""
-    out = skew(one * v)
-    out += np.einsum("...i,...j->...ij", two * v, v)
-    out.reshape(-1, 9)[:, ::4] += (1.0 - two * square).reshape(-1, 1)
-    return out
+    return np.eye(3) + one / 2 * cross + two / 6 * (cross @ cross)
 
 
 def windowed_variance(x: np.ndarray, window: int) -> np.ndarray:
