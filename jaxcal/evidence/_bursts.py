@@ -96,18 +96,17 @@ class _Record:
         self.present = np.logical_and.reduce([known[:, i] for i in alive]) if alive else np.zeros(self.size, bool)
         self.index = np.flatnonzero(self.present)
         self.columns = [values[:, i] if len(self.index) == self.size else values[self.index, i] for i in alive]
-        self.columns = [column - np.median(column[:: len(column) // SAMPLE + 1]) for column in self.columns if len(column)]
+        self.columns = [column - _quantile(column[:: len(column) // SAMPLE + 1], 0.5) for column in self.columns if len(column)]
         self.steps = [resolution(column) for column in self.columns]
-        # where the step of the values hides the noise, so that most readings equal the one before, nothing smaller is an event
-        sizes = [np.abs(np.diff(column)) for column in self.columns]  # the smallest: the step is not known where changes are few
-        smallest = [np.min(size, where=size > 0.0, initial=np.inf) for size in sizes]
-        self.hidden = np.where([np.count_nonzero(size) < (1.0 - HIDDEN) * len(size) for size in sizes], smallest, 0.0)
+        self.hidden = np.array([_hidden(column) for column in self.columns])
         self.longest = min(round(LONGEST * rate * len(self.index) / max(self.size, 1)), len(self.index) // (2 * _PAIRS))
         self._sum()
         self.room = np.empty((len(self.columns), len(self.index)))  # for the looks of any lag
         self.tails = False  # whether single outliers are tails of the noise
         self.lags = max(self.longest, 1).bit_length()
-        self.slow = self._spread(self.looks(self.longest, 1 + self.longest // 4), self.longest) if self.longest else np.ones(0)
+        step = max(self.longest // 4, 1)
+        h = self.longest // step * step
+        self.slow = self._spread(self.looks(h, step), h) if h else np.ones(0)
 
     def _sum(self) -> None:
         self.sums = np.zeros((len(self.columns), len(self.index) + 1))
@@ -116,16 +115,18 @@ class _Record:
             running_sum(row[1:])
 
     def looks(self, h: int, step: int) -> np.ndarray:
-        """(axes, looks) squares of the looks d at every `step` samples, the first at sample h; computed in parts that fit a cache."""
+        """(axes, looks) squares of the looks d at every `step` samples, the first at sample h, a multiple of the step; in parts that fit a
+        cache.
+        """
         out = self.room[:, : max((len(self.index) - 2 * h) // step + 1, 0)]
+        lag = h // step
         for row, c in zip(out, self.sums, strict=True):
             for first in range(0, len(row), SAMPLE):
                 d = row[first : first + SAMPLE]
-                before, at, after = (c[i : i + step * len(d) : step] for i in range(first * step, first * step + 2 * h + 1, h))
-                np.multiply(at, -2.0, out=d)
-                d += after
-                d += before
-                d *= 1.0 / h
+                before, after = (c[i : i + step * (len(d) + lag - 1) + 1 : step] for i in (first * step, first * step + h))
+                means = after - before
+                means *= 1.0 / h
+                np.subtract(means[lag:], means[:-lag], out=d)
                 d *= d
         return out
 
@@ -216,6 +217,17 @@ class _Record:
         self._sum()
 
 
+def _hidden(column: np.ndarray) -> float:
+    """The smallest change, if most readings equal the one before: the step of the values hides the noise, and nothing smaller is an event.
+
+    The step itself is not known where changes are few.
+    """
+    if np.count_nonzero(column[1:] != column[:-1]) >= (1.0 - HIDDEN) * (len(column) - 1):
+        return 0.0
+    size = np.abs(np.diff(column))
+    return float(np.min(size, where=size > 0.0, initial=np.inf))
+
+
 def _blocks(values: np.ndarray) -> np.ndarray:
     """(..., blocks, looks in a block) a view of the values, without the rest behind the last block."""
     count = values.shape[-1] // _BLOCK
@@ -225,8 +237,8 @@ def _blocks(values: np.ndarray) -> np.ndarray:
 def _quantile(values: np.ndarray, *shares: float) -> np.ndarray:
     """Of the last axis, (..., shares) or (...) of a single one; the nearest values, much faster than `numpy.quantile`."""
     places = [round(share * (values.shape[-1] - 1)) for share in shares]
-    found = np.partition(values, places)[..., places]
-    return found if len(shares) > 1 else found[..., 0]
+    found = [np.partition(values, place)[..., place] for place in places]  # two places at once take several times as long
+    return np.stack(found, axis=-1) if len(shares) > 1 else found[0]
 
 
 def _loud(energy: np.ndarray, axes: int, chance: float) -> np.ndarray:

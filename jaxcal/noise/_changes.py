@@ -308,7 +308,7 @@ def _refitted(records, columns, bases, designs, begun, held: Any = False) -> tup
     columns_of, levels = means(columns.T).T, np.broadcast_to(means(bases), (*shape, len(count)))
     theta, target = np.broadcast_to(begun, (*shape, columns.shape[1])), levels
     most = max(design.shape[1] for design in designs)
-    padded = np.stack([np.pad(design, ((0, 0), (0, most - design.shape[1]))) for design in designs])
+    padded = np.stack([np.hstack([one, np.zeros((len(one), most - one.shape[1]))]) for one in designs])
     for _ in range(_ROUNDS if most else 1):
         target = means(_residuals(records, padded, bases + theta @ columns.T) ** 2)
         if columns.shape[1]:

@@ -62,12 +62,10 @@ class Comparison(Result):
 
     def sections(self) -> list[Section]:
         """One row for each model."""
+        keys, listed = ("gain", "parameters", "later"), zip(self.names, self.shape, self.gain, self.parameters, self.later, strict=True)
         rows = tuple(
-            (
-                f"{name}  {shape}",
-                (Number(f"{name}.gain", float(gain)), Number(f"{name}.parameters", float(count)), Number(f"{name}.later", float(later))),
-            )
-            for name, gain, count, shape, later in zip(self.names, self.gain, self.parameters, self.shape, self.later, strict=True)
+            (f"{name}  {shape}", tuple(Number(f"{name}.{key}", float(value)) for key, value in zip(keys, values, strict=True)))
+            for name, shape, *values in listed
         )
         columns = ("twice the log likelihood", "parameters", "deviation at 10 times the length")
         return [Grid("comparison", "slow noise", columns, rows)]
@@ -123,10 +121,9 @@ def compare(y: Samples, rate: Numbers, *, rivals: Sequence[str] = tuple(_RIVALS)
     for name in rivals:
         terms = _likeliest(fitted, base, name, dt, duration)
         theta, cost = _fitted(fitted, base, terms, dt)
-        own = theta[base.sum() :] * float(solved.bins.unit)
-        fast = theta[: base.sum()] * float(solved.bins.unit)
-        later = float(fast[[one for one, keep in zip(names, base, strict=True) if keep].index("N")]) / (10.0 * duration)
-        later += sum(float(value) * float(term.avar(10.0 * duration)) for value, term in zip(own, terms, strict=True))
+        squares, end = theta * float(solved.bins.unit), 10.0 * duration
+        later = float(squares[names.index("N")]) / end  # Q and N are the first columns
+        later += sum(float(value) * float(term.avar(end)) for value, term in zip(squares[base.sum() :], terms, strict=True))
         times = [f"{term.time:.2g}" for term in terms if isinstance(term, GaussMarkov)]
         shape = f"of {' and '.join(times)} s" if times else ""
         shape = f"of exponent {terms[0].exponent:.2g}" if terms and isinstance(terms[0], PowerLaw) else shape

@@ -151,11 +151,8 @@ def _nodes(small: np.ndarray, large: np.ndarray, second: np.ndarray) -> tuple[np
 
 def _graded(length: int) -> list[int]:
     """Where the steps from 0 to length begin; they double from both ends."""
-    steps, half = [0], length // 2
-    size = _DIRECT
-    while steps[-1] + size < half:
-        steps.append(steps[-1] + size)
-        size = steps[-1]
+    half = length // 2
+    steps = [0, *(step for i in range(half.bit_length()) if (step := _DIRECT << i) < half)]
     return [*steps, *(length - step for step in steps[:0:-1])]
 
 

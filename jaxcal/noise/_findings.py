@@ -13,8 +13,6 @@ from ._changes import Change, Changes
 from ._errors import Widening
 from ._rival import Rival
 
-_LEAVE_OUT = "Leave that part of the log out."
-_WITH_OPTIONS = "Leave that part out with --start or --stop."
 FINDINGS = table(
     # about the samples
     set_aside=Kind(

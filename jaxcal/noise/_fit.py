@@ -148,8 +148,7 @@ def characterise(
     if not channels:
         raise DataError(Message("the log has no gyroscope, accelerometer or magnetometer channel; name its columns with {option.columns}"))
     dead = [name for name, x in channels.items() if np.fmin.reduce(x) == np.fmax.reduce(x)]
-    if len(dead) == len(channels):
-        dead = []  # the fit says why there is no answer
+    dead *= len(dead) < len(channels)  # of dead ones alone the fit says why there is no answer
     report = progress or (lambda done, total, name: None)
     sensors: dict[str, list[str]] = {}
     for name in channels:

@@ -55,8 +55,7 @@ def several_starts(bins: Bins) -> AnyArray:
     """
     positive = (bins.weight > 0)[:, None] & (bins.columns > 0)
     count = np.sum(positive, axis=0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        logs = np.log(np.maximum(bins.density, _LEAST)[:, None] / bins.columns)
+    logs = np.log(np.maximum(bins.density, _LEAST)[:, None] / np.where(positive, bins.columns, 1.0))
     level = np.exp(np.sum(logs, axis=0, where=positive) / np.maximum(count, 1))
     flat = np.where(count > 0, level, 0.0) / max(np.sum(count > 0), 1)
     return flat * np.concatenate([np.ones((1, len(flat))), (1.0 - (1.0 - FAINT) * np.eye(len(flat)))[flat > 0.0]])

@@ -28,7 +28,7 @@ from ._terms import Term
 #: draws together, so that short records have more draws; most draws
 _SEED, _DRAWN, _MOST_DRAWS = 20_211, 2**19, 32
 #: relative residual at which conjugate gradients end: for the expectation, and for draws; most steps
-_EXACT, _ROUGH, _ITERATIONS = 1e-4, 1e-2, 60
+_EXACT, _ROUGH, _FOLLOWS, _ITERATIONS = 1e-4, 1e-2, 0.3, 60
 #: share of information left in an ordinate below which the ordinate is not used; least number of samples; share of the record below which
 #: its remainder is only rounding
 _LEAST, _FEWEST, _NOTHING = 0.02, 16, 1e-6
@@ -218,8 +218,10 @@ class Observed:
         """Expectation of the record and of the regressors, and the conditional variance over the density, summed in bins."""
         n, z = len(self.y), self._given.copy()
         if level is None:
-            z[:, self._open] = np.nan
-            return without_gaps(z.T).T, np.zeros(len(starts))
+            known = np.delete(np.arange(n), self._open)
+            for row in z:
+                row[self._open] = np.interp(self._open, known, row[known])
+            return z, np.zeros(len(starts))
         precision = np.concatenate([[0.0], self.dt / level])
         # in a gap, the eigenvectors of a random walk and of white noise are sines: this is nearly the inverse
         at = np.arange(1, n)
@@ -257,8 +259,10 @@ class Observed:
 
         last = self._before.get(key)
         v, r = (np.zeros_like(b), b) if last is None else (last.copy(), b - product(last))
-        enough, direction = tolerance**2 * dot(b, nearly_inverse(b)), nearly_inverse(r)
+        whole, direction = dot(b, nearly_inverse(b)), nearly_inverse(r)
         size, on = dot(r, direction), np.arange(len(b))  # on: the vectors that are not yet exact
+        # however near they begin, the vectors follow the density: rounds of filling would else swing about the solution
+        enough = np.minimum(tolerance**2 * whole, np.maximum(_FOLLOWS**2 * size, _EXACT**4 * whole))
         for _ in range(_ITERATIONS):
             more = ~(size <= enough)[:, 0]
             r, direction, size, enough, on = (values[more] for values in (r, direction, size, enough, on))
@@ -299,13 +303,3 @@ def _runs_of(missing: np.ndarray) -> dict[int, np.ndarray]:
     lengths = np.subtract(*runs(missing)[::-1])
     first = np.cumsum(lengths) - lengths
     return {int(length): first[lengths == length][:, None] + np.arange(length) for length in np.unique(lengths)}
-
-
-def without_gaps(y: np.ndarray) -> np.ndarray:
-    """The record, (n,) or (n, channels), with straight lines in the gaps of each channel."""
-    filled = np.array(y, dtype=float)
-    for column in filled.reshape(len(filled), -1).T:
-        missing = np.isnan(column)
-        if missing.any() and not missing.all():
-            column[missing] = np.interp(np.flatnonzero(missing), np.flatnonzero(~missing), column[~missing])
-    return filled

@@ -120,10 +120,9 @@ def checked_call(record: Record, rate: Any, method: str, terms: Any, confidence:
     if method not in METHODS:
         raise DataError(f"unknown method {method!r}; expected one of {', '.join(METHODS)}", code="unknown_method")
     terms, rate = checked_terms(terms), checked_rate(rate)
-    if method != "whittle" and any(is_sought(term) for term in terms):
-        raise DataError(f'the correlation time of a Gauss-Markov process needs method "whittle"; got {method!r}', code="only_whittle")
-    if method != "whittle" and record.traced:
-        raise DataError(f'a traced record is fitted by method "whittle"; got {method!r}', code="only_whittle")
+    if method != "whittle" and (record.traced or any(is_sought(term) for term in terms)):
+        what = "a traced record" if record.traced else "the correlation time of a Gauss-Markov process"
+        raise DataError(f'{what} needs method "whittle"; got {method!r}', code="only_whittle")
     if not 0.0 < confidence < 1.0:
         raise DataError(f"confidence must lie between 0 and 1; got {confidence!r} (0.95 is 95 %)", code="confidence")
     samples = len(record.channels[0])

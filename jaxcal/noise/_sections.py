@@ -15,14 +15,7 @@ _VAGUE = 3.0  # ratio of the upper limit of a deviation to its value from which 
 #: units where the sensor is not known; "unit" stands for the unit of the readings
 _UNITS = {"Q": "unit s", "N": "unit sqrt(s)", "B": "unit", "K": "unit/sqrt(s)", "R": "unit/s"}
 _NAMES = {
-    "Q": "quantisation",
-    "N": "white noise",
-    "B": "bias instability",
-    "K": "random walk",
-    "R": "ramp",
-    "markov": "Gauss-Markov process",
-}
-_OWN_NAMES = {
+    "Q": "quantisation", "N": "white noise", "B": "bias instability", "K": "random walk", "R": "ramp", "markov": "Gauss-Markov process",
     ("N", "gyro"): "angle random walk", ("K", "gyro"): "rate random walk", ("N", "accel"): "velocity random walk",
 }  # fmt: skip
 
@@ -36,7 +29,7 @@ def name_of(term: str, sensor: str = "") -> str:
     >>> name_of("N", "gyro"), name_of("K", "mag")
     ('angle random walk', 'random walk')
     """
-    return _OWN_NAMES.get((term, sensor), _NAMES.get(term, "a term of your own"))
+    return _NAMES.get((term, sensor), _NAMES.get(term, "a term of your own"))
 
 
 def quantity_of(term: str, sensor: str) -> str:

@@ -11,10 +11,11 @@ from ._observed import Observed
 from ._ordinates import Bins, find_lines
 from ._terms import Filter, Term
 
-FILTER = Filter.name
+_FILTER = Filter()  # one object: caches compare it at once
+FILTER = _FILTER.name
 _FINE = 1e-12  # gain in log likelihood at which a fit ends
-#: most rounds of filling gaps, the relative change of the density at which they end, and rounds before the band is looked for
-_ROUNDS, _SETTLED, _ROUGH = 30, 2e-3, 2
+#: most rounds of filling gaps, the change of the density, in standard errors, at which they end, and rounds before the band is looked for
+_ROUNDS, SETTLED, _ROUGH = 30, 0.1, 2
 #: the goodness of fit compares means over groups of bins with the model: ordinates at which the first groups begin, and the number of
 #: groups, of which the later ones are evenly spaced in the logarithm
 _FIRST, _GROUPS = (0, 4, 12, 24, 48), 40
@@ -40,12 +41,15 @@ class Fitted(NamedTuple):
 
 
 class Solved(NamedTuple):
-    """Bins of a record, the share of each that is a spectral line, their fit, and its terms, one for each column of the bins."""
+    """Bins of a record, the share of each that is a spectral line, their fit, its terms, one for each column of the bins, and by how many
+    standard errors the last round of filling gaps changed it.
+    """
 
     bins: Bins
     lines: AnyArray
     fitted: Fitted
     columns: tuple[Term, ...]
+    off: float = 0.0
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -69,21 +73,23 @@ def solve(observed: Observed, columns: tuple[Term, ...], band, begun: Solved | N
 
     `begun` is a fit without regressors that the record now has.
     """
-    columns, level, rough = (*columns, Filter()), np.ones(1), 0 if begun else _ROUGH
+    columns, rough = (*columns, _FILTER), 0 if begun else _ROUGH
     solved = begun or _solved(observed.bins(columns), columns, band, band is None and observed.complete)
     for k in range(0 if observed.complete else _ROUNDS):
-        before, level = level, _level(solved)
-        if k > rough and np.max(np.abs(np.log(level / before))) < _SETTLED:
+        before = _level(solved)
+        solved = _solved(observed.bins(columns, before), columns, band, band is None and k + 1 >= rough)
+        change = np.log(_level(solved) / before)
+        solved = solved._replace(off=float(np.sqrt(0.5 * np.dot(solved.fitted.bins.weight, change**2))))
+        if k > rough and solved.off < SETTLED:
             break
-        solved = _solved(observed.bins(columns, level), columns, band, band is None and k + 1 >= rough)
     return solved
 
 
 def _level(solved: Solved):
-    """Density at the bins: that of the model in the band, and the ordinates themselves in spectral lines and outside of the band."""
+    """Density at the bins: that of the model, and the ordinates themselves as far as a bin is a spectral line or outside of the band."""
     bins, model = solved.bins, density(solved.fitted.bins.columns, solved.fitted.theta)
-    own = (solved.fitted.bins.weight == 0.0) & (bins.weight > 0.0) & (bins.density > 0.0)
-    return np.where(own, bins.density, model) * bins.unit
+    own = 1.0 - solved.fitted.bins.weight / np.where(bins.weight > 0.0, bins.weight, np.inf)
+    return np.where((bins.weight > 0.0) & (bins.density > 0.0), model + own * (bins.density - model), model) * bins.unit
 
 
 def _solved(whole: Bins, columns: tuple[Term, ...], band, automatic: bool) -> Solved:

@@ -20,7 +20,7 @@ from ._ordinates import LINE, amplitudes
 from ._record import Asked, Record
 from ._result import FittedSpectrum, NoiseFit, assemble, with_edf
 from ._rival import Rival, rival_of
-from ._solve import FILTER, Solved, solve
+from ._solve import FILTER, SETTLED, Solved, solve
 from ._terms import GaussMarkov, Ramp, Term, is_sought
 
 _FAST = ("Q", "N", FILTER)  # terms that high frequencies determine, at which nothing else looks like them
@@ -112,7 +112,7 @@ def _result(model: Described, asked: Asked, sensor: str) -> NoiseFit:
     if len(observed.doubts):
         doubt = doubted(fitted.bins, fitted.theta, observed.doubts / unit)
         # the search holds the fast terms, which no change of the mean looks like
-        wider = wider._replace(factor=wider.factor + np.where(np.isin(names, _FAST), 0.0, doubt))
+        wider = wider._replace(factor=wider.factor + np.where([name in _FAST for name in names], 0.0, doubt))
     covariance, limits = _uncertainty(solved, wider.factor, asked.confidence)
     scale = float(wider.factor[names.index("N")]) if "N" in names else 1.0
     rival = rival_of(fitted, names, dt, duration, levels_of(asked.confidence), scale)
@@ -147,7 +147,7 @@ def _uncertainty(solved: Solved, widened: AnyArray, confidence: float) -> tuple[
 def _beside(limits: Limits, own: list[str], rival: Rival) -> tuple[Limits, list[str]]:
     """Limits of terms that hold under the rival too, and the terms that are hints at most, because it is another spectrum."""
     low, high, upper = rival.white or (np.inf, 0.0, 0.0)
-    white, slow = np.isin(own, "N"), np.isin(own, ("B", "K"))
+    white, slow = (np.array([name in some for name in own]) for some in (("N",), ("B", "K")))
     doubts = [name for name, rise in zip(own, limits.significance * slow, strict=True) if rival.left == 0.0 and rise > PRESENT]
     low = np.where(white, np.minimum(limits.low, low), limits.low * np.where(slow, rival.left, 1.0))
     high, upper = (np.where(white, np.maximum(one, other), one) for one, other in ((limits.high, high), (limits.upper, upper)))
@@ -162,6 +162,7 @@ def _said(fit: NoiseFit, model: Described, wider: Widening, rival: Rival, doubts
     return (
         *(one for one in getattr(fit.deviation, "findings", ()) if one.code != "uneven"),  # said of the coefficients
         *_findings.of_model(fitted.misfit, shortest),
+        *(() if model.solved.off < SETTLED else [_findings.FINDINGS("unsettled", cost=float(np.hypot(1.0, model.solved.off)))]),
         *_findings.of_lines(_lines(model)),
         *_findings.of_changes(model.changes, observed.factors, observed.covariance, sensor or "ratio", duration),
         *_findings.of_widening(wider, model.solved.names, duration),
