@@ -18,7 +18,7 @@ LOG = table(
     rate_given=Kind(NOTE, "The rate is {rate:g} Hz as given; the stamps say {estimate:.6g} Hz."),
     crowded=Kind(NOTE, "{count} of {total} readings have no sample of the log to themselves and are left out."),
     # the values
-    wrapped=Kind(NOTE, "The values overflow {count} times, by {size:.6g} {unit}, as those of a counter; they are joined again."),
+    wrapped=Kind(NOTE, "The values overflow {count} times, by {size:.6g}, as those of a counter; they are joined again."),
     infinite=Kind(CAUTION, "{count} infinite values are treated as missing."),
     constant=Kind(CAUTION, "Constant in every sample ({values} {unit}), so nothing can be said about its noise."),
     repeats=Kind(NOTE, "{percent:.2g} % of the samples repeat the one before in all axes and do not count: the sensor gives about "
@@ -28,9 +28,9 @@ LOG = table(
     frozen=Kind(CAUTION, "Frozen in {count} runs of {run} repeats or more, the longest {length:.3g} s at {at:.6g} s; these "
                 "{samples} samples are missing."),
     zeroed=Kind(CAUTION, "{count} samples are exactly zero and do not count: a dead band of the firmware, or lost readings."),
-    clipped=Kind(CAUTION, "Clipped: {count} samples stand at the extreme value {size:.6g} {unit}."),
-    steps=Kind(NOTE, "The values come in steps of {step:.4g} {unit}."),
-    warm_up=Kind(NOTE, "The mean of the first {length:g} s is off the rest by {size:.3g} {unit} (warm-up?).",
+    clipped=Kind(CAUTION, "Clipped: {count} samples stand at the extreme value {size:.6g}."),
+    steps=Kind(NOTE, "The values come in steps of {step:.4g}."),
+    warm_up=Kind(NOTE, "The mean of the first {length:g} s is off the rest by {size:.3g} (warm-up?).",
                  "log.select({length:g}, None) leaves them out.", terminal="{option.start:{length:g}} leaves them out."),
     set_aside=Kind(NOTE, "{seconds:.3g} s ({percent:.2g} %) are set aside: {what}.",
                    "{option.keep} keeps them.", terminal="{option.keep:all} keeps them."),

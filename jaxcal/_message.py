@@ -56,8 +56,18 @@ def printable(text: str) -> str:
     return text if text.isprintable() else "".join(one if one.isprintable() else " " * one.isspace() for one in text)
 
 
+class Plain(float):
+    """A number that a format such as ".2g" shows without an exponent where it has no more than six digits: 110 rather than 1.1e+02."""
+
+    def __format__(self, spec: str) -> str:
+        said = format(float(self), spec)
+        return f"{float(said):.0f}" if spec.endswith("g") and "e+0" in said and abs(self) < 1e6 else said
+
+
 def _told(fact: Any, reader: Reader, wanted: Sequence[str]) -> Any:
-    """A fact for a format string: a quantity in its unit, a message or an error as its reader types it, anything else as it is."""
+    """A fact for a format string: a quantity in its unit, a message or an error as its reader types it, a number without exponent."""
+    if isinstance(fact, float):
+        return Plain(fact)
     if hasattr(fact, "shown"):
         return fact.shown(wanted)
     return fact.spelt(reader) if hasattr(fact, "spelt") else printable(fact) if isinstance(fact, str) else fact

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from jaxcal import DataError, Log
+from jaxcal._answer import Quantity
 
 RATE = 100.0
 
@@ -310,13 +311,13 @@ def test_clipping_is_counted():
     accel[:, 0] = np.clip(accel[:, 0], -39.2, 39.2)
     log = Log(stamps(5000), accel=accel)
     top, bottom = np.sum(accel[:, 0] == 39.2), np.sum(accel[:, 0] == -39.2)
-    clipped = [(*one.subject, one.facts["count"], one.facts["size"]) for one in log.findings if one.severity]
+    clipped = [(*one.subject, one.facts["count"], one.facts["size"].value) for one in log.findings if one.severity]
     assert clipped == [("accel_x", bottom, -39.2), ("accel_x", top, 39.2)]
 
 
 def test_the_quantisation_step_is_noted(finding):
     log = Log(stamps(), np.round(noise() / 0.01) * 0.01 * np.pi / 180, accel=noise(seed=5))
-    assert finding(log, "steps").facts == {"step": 0.0001745, "unit": "rad/s"}
+    assert finding(log, "steps").facts == {"step": Quantity(0.0001745, "gyro")}
 
 
 def test_warm_up_is_noted_not_removed(finding):

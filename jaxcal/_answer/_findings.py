@@ -8,7 +8,7 @@ import enum
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from .._message import Message, Reader
+from .._message import Message, Plain, Reader
 from .._units import shown_in, si_unit_of
 
 
@@ -48,7 +48,7 @@ class _Shown:
         self.value, self.unit = value, unit
 
     def __format__(self, spec: str) -> str:
-        return f"{format(self.value, spec or '.3g')} {self.unit}".strip()
+        return f"{format(Plain(self.value), spec or '.3g')} {self.unit}".strip()
 
 
 class Severity(enum.IntEnum):

@@ -253,6 +253,8 @@ def _not_there(path: Path, command: str) -> str:
     name = str(path)
     if any(mark in name for mark in "*?["):
         task = command if command in TASKS else "noise"
+        if command not in LOGS:
+            return f"{name} does not exist; give one file"
         return f"{name} does not exist; for all files of a pattern: jaxcal batch '{name}' --task {task} --out fleet"
     folder = path.parent
     if not folder.is_dir():

@@ -34,7 +34,7 @@ def info(
     targets = [json] if json else []
     if not log.is_dir() and holds_positions(log, sure=True):
         screen.line(f"{log.name}: a table of readings on a turntable, one row for each position")
-        screen.lines(["Commands that suit, the best first", f"  jaxcal north {shlex.quote(str(log))}"])
+        screen.lines(["Commands that suit, the best first", f"  jaxcal north {shlex.quote(str(log))} --latitude ..."])
         return
     with staged(targets, inputs=[log], force=running.force) as places:
         with progress(f"reading {log.name}", running.quiet):

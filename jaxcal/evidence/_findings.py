@@ -4,8 +4,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from .._answer import Finding
+from .._answer import Finding, Quantity
 from .._log_findings import LOG
+from .._units import si_unit_of
 from ._stretch import NOT_STILL, Stretch
 from ._values import STUCK
 
@@ -15,7 +16,7 @@ _NAMED = 3
 
 def seen_in(sensor: str, names: list[str], values: np.ndarray, rate: float, unit: str, stretches: list[Stretch]) -> list[Finding]:
     """Findings about the values (n, axes) of a sensor, and about the stretches that are seen in them."""
-    found = []
+    found, quantity = [], sensor if unit == si_unit_of(sensor) else unit
     low, high = np.fmin.reduce(values, axis=0), np.fmax.reduce(values, axis=0)
     constant = low == high
     if sensor != "temperature" and constant.any():
@@ -31,10 +32,11 @@ def seen_in(sensor: str, names: list[str], values: np.ndarray, rate: float, unit
         if one.kind == "held":
             found.append(LOG("repeats", sensor, percent=100 * share, rate=rate * (1 - share)))
         elif one.kind == "coarse":
-            found.append(LOG("steps", about, step=float(f"{one.size:.4g}"), unit=unit))
+            found.append(LOG("steps", about, step=Quantity(float(f"{one.size:.4g}"), quantity)))
         elif one.kind != "stuck":
             of = sensor if one.kind == "warm_up" else about
-            found.append(LOG(one.kind, of, count=one.samples, size=one.size, length=one.stop, unit=unit))
+            size = Quantity(one.size, quantity) if one.kind in ("clipped", "warm_up", "wrapped") else one.size
+            found.append(LOG(one.kind, of, count=one.samples, size=size, length=one.stop))
     return found
 
 

@@ -120,7 +120,7 @@ def _judged(log: Log) -> Iterator[tuple[str, bool, str, str]]:
     turns = moved is not None and moved.share > _SHARE
     enough = not turns and aside <= _ASIDE
     at_rest = bool(names) and log.duration >= _LONG and enough
-    long = f"{log.duration:.4g} s of {', '.join(names) or 'no sensor'}, and {rests}" + f"; it needs {_LONG:g} s at rest" * (not at_rest)
+    long = f"{log.duration:.5g} s of {', '.join(names) or 'no sensor'}, and {rests}" + f"; it needs {_LONG:g} s at rest" * (not at_rest)
     part = "" if at_rest or moved is None or moved.still is None else " --start {:.6g} --stop {:.6g}".format(*moved.still)
 
     reason = "all three sensors, turned by hand" if turned else "the sensor is not turned to all sides"
@@ -139,7 +139,7 @@ def _judged(log: Log) -> Iterator[tuple[str, bool, str, str]]:
     yield "rate-table", rates, "steady turns of both signs about each axis" if rates else "no steady turns about each axis", " --rates ..."
     level = _upright(accel) and turns and gyro is not None and poses == 1
     reason = "rests in one attitude, with turns between" if level else "it needs rests on a level table, with turns between"
-    yield "north", level, reason, ""
+    yield "north", level, reason, " --latitude ..."
     yield "noise", at_rest or bool(part), long, part
     for curve in ("allan", "psd"):
         yield curve, at_rest or bool(part), "the curve alone, as for noise", part

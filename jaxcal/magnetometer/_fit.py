@@ -176,8 +176,8 @@ def _in_trace(m: Any, model: Any, field: Any, inclination: Any, conditions: dict
     if not (own or model in COUNT) or refused:
         said = ", ".join(f"`{name}`" for name in refused) or f"model={model!r}"
         raise DataError(
-            "A traced fit has its structure fixed by model='sphere', 'diagonal', 'symmetric' or a model object, and method='ml'; "
-            f"{said} is decided on the host. Leave it out, or call `fit` outside of jit, vmap and grad.", code="traced_options",
+            f"{said} is decided on the host. In jit, vmap and grad give model='sphere', 'diagonal', 'symmetric' or a model object, and no "
+            "other method than 'ml'.", code="traced_options",
         )  # fmt: skip
     least = 10 + len(parts_of(model)[1]) if own else COUNT[model] + 1
     if m.ndim != 2 or m.shape[1] != 3 or len(m) < least:

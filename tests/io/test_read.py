@@ -61,5 +61,5 @@ def test_the_static_recording_of_an_adis16405(reference):
     # the scale is from the data sheet of the sensor
     np.testing.assert_allclose(log.gyro, counts[:, :3] * np.radians(0.05), rtol=1e-12)
     np.testing.assert_allclose(log.accel, counts[:, 3:] * 3.33e-3 * 9.80665, rtol=1e-12)
-    steps = {one.subject[0]: one.facts["step"] for one in log.findings if one.code == "steps"}
+    steps = {one.subject[0]: one.facts["step"].value for one in log.findings if one.code == "steps"}
     assert steps == {"gyro_x": 0.0008727, "accel_x": 0.03266}
