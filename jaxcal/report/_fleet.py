@@ -15,20 +15,9 @@ from ._svg import Mark, figure, linear_axis, log_axis
 
 _LINEAR, _HALF = 5.0, 80.0  # distance up to which a row of points is linear, and half its width
 _MEANING = (
-    (
-        "robust standard deviation",
-        "1.4826 times the median distance from the median: what the standard deviation would be without the logs that stand out.",
-    ),
-    (
-        "own error",
-        "Median of the standard errors of the single logs. Where the spread is not larger than it, the logs differ by chance alone, "
-        "and say nothing of a difference between the sensors.",
-    ),
-    (
-        "outlier",
-        "A log so far from the median that in 19 of 20 fleets without one no log and no coefficient would be. The limit grows with "
-        "the number of logs and coefficients, and where there are few logs.",
-    ),
+    ("robust standard deviation", "1.4826 times the median distance from the median, which single logs that stand out do not widen."),
+    ("own error", "Median standard error of the logs. A spread that is not larger is chance, and no difference between sensors."),
+    ("outlier", "A log so far from the median that 19 of 20 fleets of equal sensors have none, over all logs and coefficients."),
     ("trend", "A coefficient that goes up or down with the order or the date of the logs (Kendall's tau), by the same rule."),
 )
 

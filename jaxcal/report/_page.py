@@ -80,8 +80,7 @@ thead th { border-bottom: 2px solid var(--line); font-weight: 600; }
 .badge { background: var(--none-back); color: var(--ink); }
 .present { background: var(--good-back); color: var(--good); }
 .hint { background: var(--fair-back); color: var(--fair); }
-.verdicts { width: 100%; }
-.verdicts th:first-child { padding-left: 0; width: 24%; }
+.verdicts :is(th, td) { overflow-wrap: anywhere; }
 figure { margin: 1rem 0; }
 .scroll { overflow-x: auto; }
 .scroll svg { display: block; fill: var(--ink); width: 100%; min-width: 34rem; height: auto; }
@@ -144,13 +143,6 @@ footer { color: var(--muted); font-size: .875rem; padding-bottom: 2rem; }
   .matrix td::before { content: attr(data-axis); color: var(--muted); margin-right: .3rem; }
   .scroll .exact { white-space: normal; } .first .number { white-space: nowrap; }
   .numbers table { font-size: .8rem; }
-  .verdicts thead { display: none; }
-  .verdicts, .verdicts tbody { display: block; }
-  .verdicts :is(th, td) { overflow-wrap: anywhere; }
-  .verdicts tr { display: grid; grid-template-columns: minmax(0, 1fr) auto; border-bottom: 1px solid var(--line); padding: .3rem 0; }
-  .verdicts tbody th, .verdicts td { width: auto; border: 0; padding: .1rem 0; }
-  .verdicts th:first-child { width: auto; }
-  .verdicts td:last-child { grid-column: 1 / -1; }
 }
 @media print {
   @page { margin: 15mm; }
@@ -183,15 +175,10 @@ footer { color: var(--muted); font-size: .875rem; padding-bottom: 2rem; }
 
 def page(title: str, lead: str, body: Markup, footer: str, facts: Iterable[tuple[str, str]] = ()) -> str:
     """Make a whole document; the facts appear below its title."""
-    style, scripts = _STYLE, []
-    if 'class="sphere' in body:
-        scripts = [_asset("sphere.js")]
-    if 'id="live"' in body:
-        scripts += [_asset("live.js")]
-    if 'id="brush"' in body:
-        scripts += [_asset("fleet.js")]
-    drawn = [script for name, script in (("explore", "explore.js"), ("charts", "charts.js")) if f'class="{name}"' in body]
-    if drawn:
+    style = _STYLE
+    used = (('class="sphere', "sphere"), ('id="live"', "live"), ('id="brush"', "fleet"))
+    scripts = [_asset(f"{name}.js") for mark, name in used if mark in body]
+    if drawn := [f"{name}.js" for name in ("explore", "charts") if f'class="{name}"' in body]:
         style = _asset("uPlot.min.css") + style
         library = f"/*\n{_asset('uPlot.LICENSE')}\n*/\n{_asset('uPlot.iife.min.js')}"
         scripts += [library, _asset("tools.js"), *map(_asset, drawn)]

@@ -14,14 +14,8 @@ _MEANING = (
     ("rms left", "What the model leaves of the means over 0.1 °C, over all temperatures. It is not a noise coefficient."),
     ("worst degree", "The same in the worst window of 1 °C. A model that misses a jump shows it here."),
     ("jump", "A step of the bias at a temperature. It is a property of the device; no polynomial follows it."),
-    (
-        "lag, play",
-        "Heating and cooling give different biases: the sensor follows the thermometer late, or after a backlash.",
-    ),
-    (
-        "interval",
-        "It holds for the curve. The prediction holds for mean readings over 0.1 °C in the next cycle, in which the sensor wanders on.",
-    ),
+    ("lag, play", "Heating and cooling give different biases: the sensor follows the thermometer late, or after a backlash."),
+    ("interval", "That of the curve. The prediction is for means over 0.1 °C in the next cycle, in which the sensor wanders on."),
 )
 
 
