@@ -41,7 +41,12 @@ def write_fleet(fleet: dict[str, Any], path: str | os.PathLike[str]) -> None:
     done, task = len(fleet["names"]), str(fleet["task"]["name"])
     lead = f"{fleet['logs']} log{'s' * (fleet['logs'] != 1)}, {done} answered, {len(fleet['failed'])} not"
     failed = table(("Log", "Reason"), fleet["failed"]) if fleet["failed"] else tag("p", "None.")
-    brush, *drawn = _curves(fleet) or [Markup("")]
+    drawn = _curves(fleet)
+    logs = zip(fleet["names"], fleet["files"], strict=True)
+    choice = tag(
+        "select", tag("option", "none", value=""), *(tag("option", name, value=name, data_page=file) for name, file in logs), id="log"
+    )
+    brush = tag("p", tag("label", "Log ", choice), " ", tag("a", "its result", id="result", hidden=""), id="brush")
     body = (
         _verdict(fleet), brush, tag("div", *drawn[:1], _spread(fleet), *drawn[1:], class_="first") if drawn else _spread(fleet),
         _outliers(fleet), _trends(fleet),
@@ -93,9 +98,7 @@ def _curves(fleet: dict[str, Any]) -> list[Markup]:
         ]  # fmt: skip
         about = f"{len(lines)} logs; those in orange have an outlier."
         figures.append(figure(f"curves-{channel}", channel, about, x, y, lines))
-    names = [tag("option", name, value=name) for name in fleet["names"]]
-    choice = tag("select", tag("option", "none", value=""), *names, id="log")
-    return [tag("p", tag("label", "Log ", choice), " ", tag("a", "its result", id="result", hidden=""), id="brush"), *figures]
+    return figures
 
 
 def _spread(fleet: dict[str, Any]) -> Markup:

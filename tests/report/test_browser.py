@@ -295,13 +295,13 @@ def test_the_motion_of_a_device_is_replayed(tab, pages):
 
 def test_a_log_of_a_fleet_stands_out_and_leads_to_its_result(tab, tmp_path):
     curves = {"gyro_x": {i: ([0.1, 1.0], [2e-4 + i * 1e-5, 1e-4]) for i in range(2)}}
-    known = {"names": ["a.csv", "b.csv"], "files": ["results/a.json", "results/b.json"], "curves": curves, "failed": [], "warnings": []}
+    known = {"names": ["a.csv", "b.csv"], "files": ["results/a.json", "results/b.html"], "curves": curves, "failed": [], "warnings": []}
     write_fleet({"task": {"name": "noise"}, "logs": 2, "spread": {}} | known, tmp_path / "overview.html")
     tab.open((tmp_path / "overview.html").as_uri())
     over = """document.querySelector('[data-log="b.csv"]').dispatchEvent(new PointerEvent('pointerenter'))"""
-    assert tab.run(f"{over}; [document.getElementById('log').value, document.getElementById('result').getAttribute('href')]") == [
-        "b.csv", "results/b.json"
-    ]  # fmt: skip
+    link = "document.getElementById('result')"
+    shown = tab.run(f"{over}; [document.getElementById('log').value, {link}.getAttribute('href'), {link}.textContent]")
+    assert shown == ["b.csv", "results/b.html", "its page"]
 
 
 def test_residuals_of_poses_are_explored(tab, pages, results):
