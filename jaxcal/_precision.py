@@ -217,10 +217,11 @@ def host_float64(function: F) -> F:
                 )
                 args, kwargs = map_ordered(as_there_is, (args, kwargs))
             return function(*args, **kwargs) if is_traced() else _as_one(function, args, kwargs)
-        # the data come first; flags and names of groups may follow
-        for leaf in args[:1]:  # results that hold flags are no data
-            if isinstance(leaf, np.ndarray):
-                real_numbers(leaf)
+        # the data come first; flags and names of groups may follow, and results that hold flags are no data
+        data = args[0] if args else kwargs.get(function.__code__.co_varnames[0]) if kwargs else None
+        plain = isinstance(data, list) and all(isinstance(leaf, int | float) for leaf in jax.tree.leaves(data))
+        if plain or isinstance(data, np.ndarray):
+            real_numbers(data)
         with jax.enable_x64(True):
             if any(_to_float64(leaf) is not leaf for leaf in leaves):
                 args, kwargs = map_ordered(_to_float64, (args, kwargs))

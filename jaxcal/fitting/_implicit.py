@@ -35,8 +35,9 @@ def _(solver: Callable[..., Any], score: Callable[..., Any], data: tuple, change
 
 def root_change(score: Callable[..., Any], x: Any, data: tuple, change: tuple) -> Any:
     """Change of the root x of `score(x, *data)` with the data, by the implicit function theorem: the one derivative of all fits."""
-    push = jax.jvp(lambda *data: score(x, *data), data, change)[1]
-    slope = jax.jacfwd(score)(x, *data)
+    _, along = jax.linearize(score, x, *data)
+    push, none = along(jnp.zeros_like(x), *change), jax.tree.map(jnp.zeros_like, change)
+    slope = jax.vmap(lambda way: along(way, *none), out_axes=-1)(jnp.eye(x.size, dtype=x.dtype))
     size = jnp.sqrt(jnp.abs(jnp.diagonal(slope)))
     size = jnp.where(size > 0, size, 1.0)
     return -jnp.linalg.solve(slope / size[:, None] / size[None], push / size) / size

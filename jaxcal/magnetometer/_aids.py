@@ -236,7 +236,7 @@ class Asked(NamedTuple):
     method, model, limits : as for `fit`. traced : whether the fit is in a trace; nothing is chosen then.
     norm, field_error, dip : magnitude of the field and its relative error, or None, and its dip. known : whether the dip was given.
     at : what the aid tells. turns : whether the fit turns the axes to its, which the accelerometer of a log does not.
-    currents, conditions : name -> numbers at the times of the readings.
+    currents, conditions : name -> numbers at the times of the readings. parts : of a model object (see `parts_of`), or None.
     """
 
     m: np.ndarray
@@ -252,6 +252,7 @@ class Asked(NamedTuple):
     turns: bool
     currents: dict[str, np.ndarray]
     conditions: dict[str, np.ndarray]
+    parts: Any = None
     traced: bool = False
 
     @property

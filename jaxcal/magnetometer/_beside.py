@@ -47,6 +47,18 @@ class Axes(NamedTuple):
         """Whether both sensors have the same axes, or axes that are reversed together."""
         return bool(np.array_equal(self.turn, np.eye(3)))
 
+    @property
+    def mirrored(self) -> bool:
+        """Whether the permutation mirrors; -P then does not."""
+        return bool(np.linalg.det(self.turn) < 0)
+
+    @property
+    def words(self) -> dict[str, str]:
+        """The axes and those of the other reading, what is wrong with the one that mirrors, and what to type for it."""
+        wrong = self.turn if self.mirrored else -self.turn
+        both = {"first": axis_words(self.turn), "second": axis_words(-self.turn)}
+        return both | {"axes": axis_words(wrong), "what": axis_fault(wrong), "typed": axis_words(wrong.T)}
+
 
 def clearest(scatter: np.ndarray, alone: bool = False) -> int:
     """Number of the axes with the least scatter; they must be clearly better than the first, the same ones, and if `alone` than all."""
@@ -93,20 +105,18 @@ def by_axes(found: Axes | None, sign: float, turns: bool = True) -> list[Finding
     """Findings about the axes; `sign` of the dip at the place, zero if unknown. Only a fit that turns its axes is refused for them."""
     if found is None:
         return []
-    grave, dip, mirror = FATAL if turns else CAUTION, abs(found.dip), np.linalg.det(found.turn) < 0
-    first, second, wrong = axis_words(found.turn), axis_words(-found.turn), found.turn if mirror else -found.turn
-    fault, typed = axis_fault(wrong), axis_words(wrong.T)
+    grave, dip, words = FATAL if turns else CAUTION, abs(found.dip), found.words
     known = sign * found.dip if sign and dip > AGREE else float(found.sure)
-    if mirror or (known < 0 and not found.same):
-        return [FINDINGS("mirrored", severity=grave, what=fault, axes=first if mirror else second, typed=typed)]
+    if found.mirrored or (known < 0 and not found.same):
+        return [FINDINGS("mirrored", severity=grave, what=words["what"], axes=words["axes"], typed=words["typed"])]
     if found.same:
         return [FINDINGS("reversed", dip=Quantity(found.dip, "angle"))] if known < 0 else []
     if known > 0:
-        return [FINDINGS("remounted", axes=first)]
+        return [FINDINGS("remounted", axes=words["first"])]
+    both = {"first": words["first"], "second": words["second"]}
     if not np.isfinite(found.dip):
-        return [FINDINGS("axes_turned", severity=grave, first=first, second=second)]
-    open_ = Quantity(found.dip, "angle"), Quantity(-found.dip, "angle")
-    return [FINDINGS("axes_open", severity=grave, dip=open_[0], other=open_[1], first=first, second=second)]
+        return [FINDINGS("axes_turned", severity=grave, **both)]
+    return [FINDINGS("axes_open", severity=grave, dip=Quantity(found.dip, "angle"), other=Quantity(-found.dip, "angle"), **both)]
 
 
 def down_by(up: Any) -> np.ndarray | None:

@@ -14,7 +14,7 @@ from jax.core import Tracer
 from .._errors import DataError
 from .._log import Log, LogLike, as_log
 from .._message import Message
-from .._precision import host_float64, is_traced, real_numbers
+from .._precision import host_float64, is_traced
 from .._types import Checked, Numbers, Samples
 from ._aids import Accelerometer, Asked, Attitude, Gyroscope, Headings, told
 from ._beside import beside
@@ -112,7 +112,7 @@ def fit(
     Math. 98 (2004) 177 (consistent); the magnetometer paper's equations 6 to 16 (constrained); the thesis, chapter 6.
     """
     asked = _asked(m, method, model, field, field_error, inclination, limits, aid, currents, conditions)
-    picked = chosen(asked.m[asked.there], isinstance(asked.model, MagModel) or asked.traced)
+    picked = chosen(asked.m[asked.there], asked.parts is not None or asked.traced)
     surface = surface_of(asked, picked)
     surface = beside(asked, surface)
     return judged(asked, surface)
@@ -151,9 +151,11 @@ def _asked(
     if not abs(dip) < np.pi / 2:
         raise DataError(f"The inclination is {dip:g} rad; it must lie between -pi/2 and pi/2, where there is a horizontal field.",
                         code="bad_inclination")  # fmt: skip
-    count = int(there.sum())
+    count, parts = int(there.sum()), None
     if own:
-        model, least = jax.tree.map(lambda leaf: np.asarray(leaf, dtype=float), model), 10 + len(parts_of(model)[1])
+        model = jax.tree.map(lambda leaf: np.asarray(leaf, dtype=float), model)
+        parts = parts_of(model)
+        least = 10 + len(parts[1])
         if count < least:
             raise DataError(f"There are {count} readings; this model with {least - 1} parameters needs {least}.", code="few_readings")
     recorded = {name: _numbers(one, f"The condition {name!r}", count, "condition", own) for name, one in (conditions or {}).items()}
@@ -167,7 +169,7 @@ def _asked(
         if rows is not None and len(rows) != len(m):
             raise DataError(f"There are {len(m)} readings and {len(rows)} rows of the aid; give one for each reading.", code="rows_differ")
     return Asked(m, np.flatnonzero(there), method, model, norm, field_error, float(dip), known, (float(limits[0]), float(limits[1])),
-                 at, turns, flows, recorded)  # fmt: skip
+                 at, turns, flows, recorded, parts)  # fmt: skip
 
 
 def _in_trace(m: Any, model: Any, field: Any, inclination: Any, conditions: dict[str, Any], refused: list[str]) -> Asked:
@@ -184,7 +186,8 @@ def _in_trace(m: Any, model: Any, field: Any, inclination: Any, conditions: dict
         raise DataError(f"The readings have shape {m.shape}; this model needs (n, 3) with at least {least} rows.", code="bad_shape")
     model = jax.tree.map(lambda leaf: jnp.asarray(leaf, m.dtype), model) if own else model
     norm, dip = _norm_and_dip(field, inclination)
-    return Asked(m, np.arange(len(m)), "ml", model, norm, None, float(dip), True, (0.0, 0.0), told(None), False, {}, conditions, True)
+    return Asked(m, np.arange(len(m)), "ml", model, norm, None, float(dip), True, (0.0, 0.0), told(None), False, {}, conditions,
+                 parts_of(model) if own else None, True)  # fmt: skip
 
 
 def _numbers(given: Any, what: str, count: int, code: str, wide: bool = False) -> np.ndarray:
@@ -219,11 +222,10 @@ def _readings(source: Any) -> tuple[Any, Any]:
     """
     tabular = hasattr(source, "data_vars") or np.ndim(getattr(source, "columns", 0)) == 1
     if not (tabular or isinstance(source, Log | str | os.PathLike | dict)) or len(getattr(source, "columns", ())) == 3:
-        if not is_traced(source):
-            source = real_numbers(source, "the readings")
-            if source.ndim != 2:
-                raise DataError(f"The readings have shape {source.shape}; expected (n, 3), one row per reading.", code="bad_shape")
-        return source, None
+        m = source if is_traced(source) else np.asarray(source)  # of a size that was checked before
+        if m.dtype.kind not in "fiu":
+            raise DataError(f"The readings must be real numbers; got values of type {m.dtype}.", code="not_numbers")
+        return (m if is_traced(source) else m.astype(float, copy=False)), None
     log = as_log(source)
     if log.mag is None or log.mag.shape[1] != 3:
         raise DataError(Message("the log has no magnetometer of three axes; name its columns with {option.columns:mag=...}"), code="no_mag")

@@ -1,10 +1,13 @@
 """Maximum likelihood of the readings of a surface: orthogonal distances, the curvature that noise sees, and a prior for few readings.
 
+One function takes a surface of any kind to its fit, another an ellipsoid of the kind that the readings show.
+
 The steps of the fit are the same for every model, on the host and in a trace. Between rounds of them the noise gives the mean offset that
 it causes at the curved surface, and the weight of the prior: the entries of a soft iron depart from a multiple of the identity by 40 %.
 The prior's error is in the covariance. It matters where readings are so few and noisy that the fit would run off.
 """
 
+import contextlib
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -13,164 +16,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..fitting._implicit import implicit
-from ._quadric import basis_of, host_start, parameters_of, traced_start
+from ..fitting._information import symmetric_inverse
+from . import _quadric as quadric
+from ._nearest import Ellipsoids, Near, repeated
+from ._quadric import COUNT, EXACT, NotEllipsoid, basis_of, inverse_of
 
 CURVED = 0.02  # noise over radius above which the curvature term matters
-#: most steps to a foot, which takes three near the surface, and most steps of a fit
-ROUNDS, _STEPS = 20, 128
+_STEPS = 128  # most of a fit
 SETTLED = 1e-7  # step in standard errors, and relative change of the noise, or of the degrees of freedom, that end the steps
+_FARTHEST = 1e3  # sizes of the log: an ellipsoid so large is a plane
 SOFT = 0.4  # spread of the entries of a soft iron about a multiple of the identity: the paper's sensor, the strongest known, has 0.3
-
-
-class Near(NamedTuple):
-    """Readings beside their surface.
-
-    distance : (n,). normal, field : (n, 3) unit normal, and unit field, at the nearest point. curvature : (n,) mean curvature. multiplier :
-    (n,) t of `foot`. corrected : (n, 3) the field of the reading itself over its magnitude. slopes : (n, p) of the distances by the
-    parameters.
-    """
-
-    distance: Any
-    normal: Any
-    field: Any
-    curvature: Any
-    multiplier: Any
-    corrected: Any
-    slopes: Any = None
-
-
-def times(v: Any, matrix: Any) -> Any:
-    """Rows (n, 3) times one matrix, or each times its own."""
-    return v @ matrix if matrix.ndim == 2 else v.__array_namespace__().einsum("ni,nij->nj", v, matrix)
-
-
-def inverse_of(matrix: Any) -> Any:
-    """Inverse of matrices (..., 3, 3) from cofactors, because LAPACK is slow on a batch of small matrices."""
-    cofactors, determinant = _cofactors(matrix)
-    return cofactors.swapaxes(-1, -2) / determinant[..., None, None]
-
-
-def _cofactors(matrix: Any) -> tuple[Any, Any]:
-    """Cofactors (..., 3, 3) and determinant."""
-    one, two = np.array([1, 2, 0]), np.array([2, 0, 1])
-    rows, later = matrix[..., one, :], matrix[..., two, :]
-    cofactors = rows[..., one] * later[..., two] - rows[..., two] * later[..., one]
-    return cofactors, (matrix[..., 0, :] * cofactors[..., 0, :]).sum(axis=-1)
-
-
-def _eye(matrix: Any) -> Any:
-    """Identity matrices in the shape of others."""
-    return matrix.__array_namespace__().broadcast_to(np.eye(3, dtype=matrix.dtype), matrix.shape)
-
-
-def _pencil(shape: Any, z: Any) -> Any:
-    """y(t) = (I + t A)^-1 z as a function of t, for all rows of z: along the principal axes of one A, and without these for many."""
-    if isinstance(z, np.ndarray) and shape.ndim == 2:
-        values, vectors = np.linalg.eigh(shape)
-        return lambda t, vector: (vector @ vectors / (1 + t[:, None] * values)) @ vectors.T
-    # by the Cayley-Hamilton theorem, whose derivatives hold for equal eigenvalues too
-    square, trace = shape @ shape, shape.trace(axis1=-2, axis2=-1)
-    second = (trace**2 - square.trace(axis1=-2, axis2=-1)) / 2
-    adjugate = square - trace[..., None, None] * shape + second[..., None, None] * _eye(shape)
-    det = (shape[..., 0, :] * adjugate[..., :, 0]).sum(axis=-1)
-    trace, second, det = (x.reshape(-1, 1) for x in (trace, second, det))
-
-    def apply(t: Any, vector: Any) -> Any:
-        t = t[:, None]
-        numerator = vector + t * (trace * vector - times(vector, shape)) + t**2 * times(vector, adjugate)
-        return numerator / (1 + t * (trace + t * (second + t * det)))
-
-    return apply
-
-
-def _newton(apply: Any, shape: Any, z: Any, t: Any) -> Any:
-    """One Newton step in t on 1/sqrt(y'Ay) = 1, which is nearly linear in t, where y = y(t)."""
-    xp, y = z.__array_namespace__(), apply(t, z)
-    normal = times(y, shape)
-    g = (y * normal).sum(axis=1)
-    q = (normal * apply(t, normal)).sum(axis=1)
-    # Replace the inputs as well: at the centre of the ellipsoid all of these vanish.
-    g, q = xp.where(q > 0, g, 1.0), xp.where(q > 0, q, 1.0)
-    return t + g * (xp.sqrt(g) - 1) / q
-
-
-def _largest_eigenvalue(shape: Any) -> Any:
-    """Largest eigenvalue in closed form (O. K. Smith, Commun. ACM 4 (1961) 168), because a LAPACK call would cost more than a step."""
-    xp = shape.__array_namespace__()
-    mean = shape.trace(axis1=-2, axis2=-1) / 3
-    rest = shape - mean[..., None, None] * _eye(shape)
-    size = xp.sqrt((rest**2).sum(axis=(-2, -1)) / 6)
-    rest = rest / xp.where(size > 0, size, 1.0)[..., None, None]
-    cosine = xp.clip(_cofactors(rest)[1] / 2, -1, 1)
-    return mean + 2 * size * xp.cos(xp.arccos(cosine) / 3)
-
-
-def foot(shape: Any, z: Any, near: Any) -> tuple[Any, Any]:
-    """Nearest point y of x'Ax = 1 to each row of z, and t with z - y = t A y; both can be differentiated. near : t to start from."""
-    xp = z.__array_namespace__()
-    fixed, far = (shape, z) if xp is np else jax.lax.stop_gradient((shape, z))
-    apply = _pencil(fixed, far)
-    lowest = -1 / _largest_eigenvalue(fixed)
-    # Each Newton step doubles the digits: half of them here, and the step after the loop gives the rest.
-    half = float(np.finfo(far.dtype).eps) ** 0.5
-
-    def again(carry: tuple) -> tuple:
-        i, t, _ = carry
-        new = _newton(apply, fixed, far, t)
-        new = xp.where(new > lowest, new, (t + lowest) / 2)
-        return i + 1, new, (abs(new - t) <= half * (new - lowest)).all()
-
-    near = near if xp is np else jax.lax.stop_gradient(near)
-    begin = (xp.asarray(0), xp.where(near > lowest, near, 0.0), xp.asarray(False))
-    _, t, _ = repeated(again, begin, lambda carry: (carry[0] >= ROUNDS) | carry[2])
-    # A step taken at the root has the derivative of the root (implicit function theorem), and two steps have the second one too.
-    apply, t = _pencil(shape, z), t if xp is np else jax.lax.stop_gradient(t)
-    for _ in range(1 if xp is np else 2):
-        t = _newton(apply, shape, z, t)
-    return t, apply(t, z)
-
-
-def curvature(shape: Any, z: Any) -> Any:
-    r"""Mean curvature of the level set of x'Ax through each row of z: half the sum of the principal curvatures, 1/R on a sphere.
-
-    With the normal g = A z and T = tr A it is
-
-    .. math:: \kappa = \frac{T\,g^Tg - g^TAg}{2|g|^3}.
-    """
-    xp, normal = z.__array_namespace__(), times(z, shape)
-    square = (normal**2).sum(axis=1)
-    square = xp.where(square > 0, square, 1.0)  # the centre has no direction
-    bent = shape.trace(axis1=-2, axis2=-1) * square - (normal * times(normal, shape)).sum(axis=1)
-    return bent / (2 * square * xp.sqrt(square))
-
-
-def _at_foot(shape: Any, z: Any, near: Any) -> tuple[Any, Any, Any, Any]:
-    """Distance, nearest point y, unit normal there, and t."""
-    t, y = foot(shape, z, near)
-    normal = times(y, shape)
-    length = (normal**2).sum(axis=1) ** 0.5
-    return t * length, y, normal / length[:, None], t
-
-
-def nearest(push: Any, z: Any, near: Any = None) -> Near:
-    """Readings z (n, 3) beside {P h : |h| = 1}, with one matrix P, or one for each reading. near : t of `foot` to start from."""
-    inverse = inverse_of(push)
-    back = inverse.swapaxes(-1, -2)
-    shape = back @ inverse
-    distance, y, normal, t = _at_foot(shape, z, 0.0 * z[:, 0] if near is None else near)
-    return Near(distance, normal, times(y, back), curvature(shape, z), t, times(z, back))
-
-
-def by_ellipsoid(u: Any, basis: np.ndarray, x: Any, near: Near | None = None) -> Near:
-    """Scaled readings beside an ellipsoid, and the slopes of their distances by its parameters."""
-    iron = basis @ x
-    found = nearest(iron[:9].reshape(3, 3), u - iron[9:][None], None if near is None else near.multiplier)
-    return found._replace(slopes=slopes_of(found, basis))
-
-
-def slopes_of(near: Near, basis: np.ndarray) -> Any:
-    """Derivative (n, p) of the distances of readings to an ellipsoid by its parameters."""
-    return -((near.normal[:, :, None] * near.field[:, None, :]).reshape(-1, 9) @ basis[:9] + near.normal @ basis[9:])
 
 
 class Weights(NamedTuple):
@@ -193,7 +48,7 @@ class Found(NamedTuple):
     """A fitted surface: parameters (p,), their covariance, noise and its degrees of freedom, distances (n,), and its readings.
 
     soft, centre : S and the centre of an ellipsoid in scaled readings. basis : from the parameters to their entries. noise2 : for the
-    curvature term, in the distances. parts : whether the covariance is that of fits without parts of the log.
+    curvature term, in the distances.
     """
 
     parameters: Any
@@ -208,7 +63,6 @@ class Found(NamedTuple):
     kind: str
     basis: Any
     noise2: Any = 0.0
-    parts: bool = False
 
 
 def penalties(basis: np.ndarray) -> np.ndarray:
@@ -256,15 +110,6 @@ class _Point(NamedTuple):
     count: Any
     converged: Any
     done: Any
-
-
-def repeated(step: Callable[[Any], Any], state: Any, done: Callable[[Any], Any]) -> Any:
-    """`step` until `done`: a loop of Python for arrays of NumPy, and one of JAX in a trace."""
-    if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(state)):
-        return jax.lax.while_loop(lambda now: ~done(now), step, state)
-    while not done(state):
-        state = step(state)
-    return state
 
 
 def rounds(near_at: Callable[[Any, Near], Near], x: Any, near: Near, basis: np.ndarray, size: Any) -> tuple[Any, Near, Weights, Any]:
@@ -328,46 +173,118 @@ def found_of(x: Any, near: Near, weights: Weights, basis: np.ndarray, converged:
     return Found(x, soft, centre, covariance, weights.noise, weights.freedom, left, near, converged, kind, basis, weights.noise2)
 
 
-def maximised(near_at: Callable[..., Near], begin: Any, h: Any, basis: np.ndarray, size: Any, kind: str, *data: Any) -> Found:
-    """The surface by `rounds` from parameters, and unit fields (n, 3) near which to begin, for `near_at(x, near, *data)`.
+def maximised(surface: Any, begin: Any, h: Any) -> Found:
+    """The fit of a surface (see `Ellipsoids`) by `rounds` from parameters, and unit fields (n, 3) near which to begin.
 
     In a trace it has a derivative: that of the root of the slope of the cost, with the variance of the noise as one more unknown.
     """
-    none = 0.0 * h[:, 0]
+    basis, kind, none = surface.basis, surface.kind, 0.0 * h[:, 0]
     near = Near(none, h, h, none, none, h, h)
     if isinstance(begin, np.ndarray):
-        x, near, weights, converged = rounds(lambda x, near: near_at(x, near, *data), begin, near, basis, size)
+        x, near, weights, converged = rounds(lambda x, near: surface.near(x, near, *surface.data), begin, near, basis, surface.size)
         return found_of(x, near, weights, basis, converged, kind)
 
     def solver(begin: Any, near: Near, size: Any, *data: Any) -> tuple:
-        x, near, weights, converged = rounds(lambda x, near: near_at(x, near, *data), begin, near, basis, size)
+        x, near, weights, converged = rounds(lambda x, near: surface.near(x, near, *data), begin, near, basis, size)
         return jnp.append(x, weights.noise**2), (near, converged.astype(x.dtype))
 
     def score(root: Any, further: tuple, _: Any, __: Near, size: Any, *data: Any) -> Any:
-        x, near, out = root[:-1], near_at(root[:-1], further[0], *data), penalties(basis)
+        x, near, out = root[:-1], surface.settled(root[:-1], further[0], *data), penalties(basis)
         noise2, ridge = terms(x, root[-1], basis, size)
         after = weighed(x, near, (noise2, ridge), basis, size)
         slope = near.slopes.T @ (near.distance - noise2 * near.curvature) + ridge * (out.T @ out @ x)
         return jnp.append(slope, after.noise**2 - root[-1])
 
     begin, near = jax.lax.stop_gradient((begin, near))
-    root, (near, converged) = implicit(solver, score, begin, near, jnp.asarray(size, h.dtype), *data)
-    x, near = root[:-1], near_at(root[:-1], near, *data)
-    noise2, ridge = terms(x, root[-1], basis, size)
-    return found_of(x, near, weighed(x, near, (noise2, ridge), basis, size), basis, converged > 0, kind)
+    root, (near, converged) = implicit(solver, score, begin, near, jnp.asarray(surface.size, h.dtype), *surface.data)
+    x, near = root[:-1], surface.settled(root[:-1], near, *surface.data)
+    noise2, ridge = terms(x, root[-1], basis, surface.size)
+    return found_of(x, near, weighed(x, near, (noise2, ridge), basis, surface.size), basis, converged > 0, kind)
 
 
 def fitted(u: Any, kind: str, near: Any = None) -> Found:
-    """The ellipsoid of a kind through scaled readings; near : S and centre to start from. In a trace nothing is chosen on the host."""
-    basis = basis_of(kind).astype(u.dtype)
+    """The ellipsoid of a kind through scaled readings; near : entries (12,) of S and centre to start from.
+
+    In a trace nothing is chosen on the host.
+
+    Raises
+    ------
+    NotEllipsoid
+        If the readings lie on another quadric.
+    """
     if near is not None:
-        begin = parameters_of(kind, *near)
+        begin = inverse_of(kind) @ near
     else:
-        begin = host_start(u, kind) if isinstance(u, np.ndarray) else traced_start(jax.lax.stop_gradient(u), kind)
-    return maximised(lambda x, near, u: by_ellipsoid(u, basis, x, near), begin, 0.0 * u, basis, 1.0, kind, u)
+        begin = quadric.host_start(u, kind) if isinstance(u, np.ndarray) else quadric.traced_start(jax.lax.stop_gradient(u), kind)
+    found = maximised(Ellipsoids.of(u, kind), begin, 0.0 * u)
+    if isinstance(u, np.ndarray) and not np.abs(found.parameters).max() < _FARTHEST:
+        raise NotEllipsoid("plane")
+    return found
 
 
-def of_method(near: Near, x: np.ndarray, basis: np.ndarray, kind: str) -> Found:
-    """A surface that another method found, with the smallest covariance that the readings allow there (Cramer-Rao bound)."""
-    weights = weighed(x, near, (0.0, 0.0), basis, 1.0)._replace(noise2=0.0, ridge=0.0)
-    return found_of(x, near, weights, basis, True, kind)
+def by_method(u: np.ndarray, method: str, kind: str, near: Any) -> tuple[Found, Any]:
+    """The ellipsoid by another method, with the smallest covariance that the readings allow there (Cramer-Rao bound), and its bias."""
+    shape, centre = quadric.by_products(u, method)
+    surface, x, bias = Ellipsoids.of(u, kind), quadric.parameters_of(kind, quadric.soft_of(shape), centre), 0.0
+    beside = surface.near(x, None, u)
+    weights = weighed(x, beside, (0.0, 0.0), surface.basis, 1.0)._replace(noise2=0.0, ridge=0.0)
+    with contextlib.suppress(NotEllipsoid):
+        # what the paper's method has beside noise is a bias, as the terms that a smaller model leaves out
+        bias = surface.basis @ (fitted(u, kind, near).parameters - x) if method == "constrained" else bias
+    return found_of(x, beside, weights, surface.basis, True, kind), bias
+
+
+def likeliest(u: np.ndarray, distinct: int, near: Any, occupied: Callable[[Any], int]) -> tuple[Found, Found | None, np.ndarray]:
+    """The ellipsoid of the kind that scaled readings show, that of the largest kind, and the bias by what the first leaves out.
+
+    Kinds need more distinct readings than parameters. occupied : takes unit fields to the number of directions that count as one reading.
+    """
+    fits, failure, full, count = {}, None, None, 0
+    for kind in reversed(COUNT):
+        if distinct <= COUNT[kind]:
+            continue
+        if full is not None:
+            x, step = _smaller(full, kind)
+            margin = (COUNT[full.kind] - COUNT[kind]) * np.log(count)
+            # to first order in the step, which is the smallest in the covariance of the larger model
+            if _score(full.distance + full.near.slopes @ step, kind, count) > _score(full.distance, full.kind, count) + margin:
+                continue
+            near = basis_of(kind) @ x if (x[: COUNT[kind] - 3] > 0).all() else None
+        try:
+            fits[kind] = fitted(u, kind, near)
+        except NotEllipsoid as error:
+            failure = error
+            continue
+        if len(fits) == 1:
+            count = occupied(fits[kind].near.field)
+            full = fits[kind] if fits[kind].converged and np.isfinite(fits[kind].covariance).all() else None
+    if not fits:
+        raise failure or NotEllipsoid("quadric with more parameters than readings")
+    found = min(fits.values(), key=lambda one: _score(one.distance, one.kind, count))
+    return found, fits.get("symmetric"), _left_out(next(iter(fits.values())), found)
+
+
+def _smaller(full: Found, kind: str) -> tuple[np.ndarray, np.ndarray]:
+    """Parameters of a smaller kind nearest to a fit in its covariance: almost its fit where both models hold; and the step there."""
+    whiten, basis = symmetric_inverse(full.covariance), inverse_of(full.kind) @ basis_of(kind)
+    x = symmetric_inverse(basis.T @ whiten @ basis) @ (basis.T @ whiten @ full.parameters)
+    return x, basis @ x - full.parameters
+
+
+def _score(distance: Any, kind: str, count: int) -> float:
+    """The criterion n ln(mean d^2) + k ln n. n is the number of occupied bins of 500, because neighbours repeat one another."""
+    return float(count * np.log(max(np.mean(distance**2), EXACT**2)) + COUNT[kind] * np.log(count))
+
+
+def _left_out(largest: Found, chosen: Found) -> np.ndarray:
+    """Bias (12,) of S and centre of the chosen model due to the terms that it leaves out, as far as the largest model shows it.
+
+    A lack of evidence for these terms must not make the fit more certain. The step to the largest model is this bias plus noise, and noise
+    contributes one per parameter to the likelihood ratio (positive-part James and Stein).
+    """
+    more = COUNT[largest.kind] - COUNT[chosen.kind]
+    if not more or not np.isfinite(largest.covariance).all():
+        return np.zeros(12)  # the verdict reports that the largest model could not be tried
+    gain = float(np.sum(chosen.distance**2) - np.sum(largest.distance**2)) / max(largest.noise, 1e-300) ** 2
+    step = largest.basis @ largest.parameters - chosen.basis @ chosen.parameters
+    return np.sqrt(max(1 - more / max(gain, 1e-300), 0.0)) * step

@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +13,7 @@ from .._precision import host_float64
 from .._types import Array
 from ..fitting._problem import names_of
 from ._model import MagModel
-from ._orthogonal import inverse_of, nearest, times
+from ._nearest import Near, inverse_of, nearest, times
 
 _ROWS = 512  # of a block: readings and directions of any number share one program
 
@@ -54,6 +54,29 @@ def looked(model: MagModel, leaves: Any, h: Any, field: Any, conditions: Any) ->
         there = {name: values[rows] for name, values in conditions.items()}
         blocks.append([np.asarray(part) for part in _looked(model, leaves, h[rows], np.float64(field), there)])
     return tuple(np.concatenate(parts)[: len(h)] for parts in zip(*blocks, strict=True))
+
+
+class Measured(NamedTuple):
+    """The surfaces of a model object, for readings (n, 3), as `Ellipsoids` are those of a kind.
+
+    model : its structure. data : readings, magnitude of the field, conditions, and the leaves by the parameters (S, hard iron, further).
+    """
+
+    model: MagModel
+    data: tuple[Any, ...]
+    kind: str
+    basis: Any
+    size: Any
+
+    def near(self, x: Any, near: Near, m: Any, norm: Any, conditions: Any, to_leaves: Any) -> Near:
+        """Readings beside the surface of parameters x, by what the model says of the fields of readings beside one not far away."""
+        measured, push, slopes = looked(self.model, to_leaves @ x, near.field, norm, conditions)
+        near = nearest(push, m - measured + times(near.field, push.swapaxes(1, 2)), near.multiplier)
+        return near._replace(slopes=-x.__array_namespace__().einsum("ni,nij->nj", near.normal, slopes) @ to_leaves)
+
+    def settled(self, x: Any, near: Near, *data: Any) -> Near:
+        """`near` with derivatives: the model looks again where the first look ends, and sees the fields change with the parameters."""
+        return self.near(x, self.near(x, near, *data), *data)
 
 
 @host_float64

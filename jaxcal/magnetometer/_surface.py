@@ -16,15 +16,15 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._answer import Finding
-from ..fitting._information import symmetric_inverse
 from ..fitting._serial import BLOCKS, CHANCE, by_parts, followed, span_of
 from . import _quadric as quadric
 from ._aids import Asked
 from ._directions import bins
 from ._findings import FINDINGS
 from ._model import MagModel
-from ._orthogonal import Found, Near, by_ellipsoid, fitted, maximised, nearest, of_method, slopes_of, times
-from ._own_model import looked, parts_of
+from ._nearest import Ellipsoids, nearest, slopes_of
+from ._orthogonal import Found, by_method, fitted, likeliest, maximised
+from ._own_model import Measured
 from ._quadric import COUNT, EXACT, NEAR_PLANAR, SYMMETRIC, UPPER, Chosen, Frame, NotEllipsoid, basis_of, unit
 
 #: constant of Tukey's biweight, 95 % efficient with normal noise; standard deviations where its tail begins, how surely it is too heavy,
@@ -88,14 +88,9 @@ class Surface(NamedTuple):
 
 def surface_of(asked: Asked, picked: Chosen) -> Surface:
     """The surface through the chosen readings, the finding why there is none, or their plane."""
+    one = _of_kind(asked, picked) if asked.parts is None else _of_object(asked, picked.m)
     if asked.traced:
-        return _in_trace(asked.model, asked.m, asked.norm, asked.conditions)
-    own = isinstance(asked.model, MagModel)
-    m = asked.m[asked.there]
-    try:
-        one = fit_leaves(asked.model, m, asked.norm, asked.conditions) if own else _of_kind(asked, picked, m)
-    except NotEllipsoid as error:
-        one = Surface(said=(FINDINGS("no_ellipsoid", quadric=error.quadric),))
+        return one._replace(matrix=between(one.slopes, one.found.covariance), freedom=float(len(one.m) - one.found.parameters.size))
     clipped = (FINDINGS("clipped", count=picked.full),) if picked.full else ()
     one = one._replace(rows=picked.rows, said=(*clipped, *one.said))
     return one if one.found is None else _uncertain(one, asked.conditions)
@@ -151,31 +146,21 @@ def between(slopes: Any, covariance: Any) -> Any:
     return xp.where(known, slopes @ xp.where(known, covariance, 0.0) @ slopes.T, xp.inf)
 
 
-def _in_trace(model: Any, m: Any, norm: Any, conditions: dict[str, Any]) -> Surface:
-    """The surface in a trace."""
-    own, frame = isinstance(model, MagModel), Frame.of(m)
-    one = fit_leaves(model, m, norm, conditions) if own else ellipsoid(fitted(frame.scaled(m), model), frame, norm)._replace(m=m)
-    return one._replace(matrix=between(one.slopes, one.found.covariance), freedom=float(len(m) - one.found.parameters.size))
-
-
-def _of_kind(asked: Asked, picked: Chosen, everything: np.ndarray) -> Surface:
-    """The surface of a built-in model through chosen readings, and all readings beside it.
-
-    Raises
-    ------
-    NotEllipsoid
-        If the readings lie on another quadric.
-    """
-    m, method, model, norm = picked.m, asked.method, asked.model, asked.norm
-    count, frame = _distinct(m), Frame.of(m)
+def _of_kind(asked: Asked, picked: Chosen) -> Surface:
+    """The surface of a built-in model through chosen readings, and all readings beside it."""
+    m, method, model, norm, everything = picked.m, asked.method, asked.model, asked.norm, asked.m[asked.there]
+    frame = Frame.of(m)
+    if asked.traced:
+        u = frame.scaled(m)
+        return ellipsoid(fitted(u, model), frame, norm)._replace(m=m)
+    count, near, unseen, largest = _distinct(m), None, 0.0, None
     least = "sphere" if model in ("auto", "planar") and method == "ml" else "symmetric" if model == "auto" else model
     if count <= COUNT[least] or frame.scale < EXACT * np.abs(m).max():
         return Surface(said=(FINDINGS("few", count=count, model=least, least=COUNT[least] + 1),))
-    near = None
     if picked.near is not None:
-        m, soft, centre = _calmed(m, frame, *picked.near)
+        m, iron = _calmed(m, frame, *picked.near)
         frame = Frame.of(m)
-        near = soft / frame.scale, (centre - frame.centre) / frame.scale
+        near = (iron - np.append(np.zeros(9), frame.centre)) / frame.scale
     u = frame.scaled(m)
     spread = quadric.extents(u)
     if spread[1] < NEAR_PLANAR:
@@ -183,35 +168,36 @@ def _of_kind(asked: Asked, picked: Chosen, everything: np.ndarray) -> Surface:
     if model == "planar" or (spread[2] < NEAR_PLANAR and model == "auto" and method == "ml"):
         normal = np.linalg.svd(u, full_matrices=False)[2][2]
         return Surface(plane=normal * np.sign(normal[np.argmax(np.abs(normal))]))
-    unseen, fits, largest = 0.0, {}, None
-    if method != "ml":
-        shape, centre = quadric.by_products(u, method)
-        x, basis = quadric.parameters_of(least, quadric.soft_of(shape), centre), basis_of(least)
-        found = largest = of_method(by_ellipsoid(u, basis, x), x, basis, least)
-        with contextlib.suppress(NotEllipsoid):
-            # what the paper's method has beside noise is a bias, as the terms that a smaller model leaves out
-            unseen = basis @ (fitted(u, least, near).parameters - x) if method == "constrained" else unseen
-    elif model != "auto":
-        found = largest = fitted(u, model, near)
-    else:
-        fits, occupied = candidates(u, count, near)
-        found, largest = min(fits.values(), key=lambda one: score(one.distance, one.kind, occupied)), fits.get("symmetric")
-        unseen = left_out(fits, found)
+    try:
+        if method != "ml":
+            found, unseen = by_method(u, method, least, near)
+        elif model != "auto":
+            found = fitted(u, model, near)
+        else:
+            found, largest, unseen = likeliest(u, count, near, _occupied)
+    except NotEllipsoid as error:
+        return Surface(said=(FINDINGS("no_ellipsoid", quadric=error.quadric),))
     # all readings, as they are, beside the surface of those that were fitted
     same = len(picked.m) == len(everything) and m is picked.m
-    beside = found.near if same else nearest(found.soft, frame.scaled(everything) - found.centre[None])
+    whole = u if same else frame.scaled(everything)
+    beside = found.near if same else nearest(found.soft, whole - found.centre[None])
     one = ellipsoid(found, frame, norm)
     one = one._replace(
         m=m, unseen=one.through @ (unseen + np.zeros(12)), corrected=one.field * beside.corrected,
         residual=(beside.distance - found.noise2 * beside.curvature) * frame.scale,
     )  # fmt: skip
-    if found is largest:
+    if model != "auto" or method != "ml" or found is largest:
         return one
     wide = one._replace(matrix=np.full((13, 13), np.inf))  # as long as the largest model is not known
     if largest is not None and largest.converged:
         wide = ellipsoid(largest, frame, None)
         wide = wide._replace(matrix=between(wide.slopes, largest.covariance))
     return one._replace(larger=wide)
+
+
+def _occupied(field: np.ndarray) -> int:
+    """Number of bins, of 500, that contain a unit field."""
+    return int(np.count_nonzero(np.bincount(bins(unit(field)))))
 
 
 def radius_of(soft: Any) -> Any:
@@ -247,10 +233,10 @@ def _distinct(m: np.ndarray) -> int:
     return few if few > COUNT["symmetric"] else len(np.unique(m, axis=0))
 
 
-def _calmed(m: np.ndarray, frame: Frame, shape: np.ndarray, centre: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _calmed(m: np.ndarray, frame: Frame, shape: np.ndarray, centre: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Readings whose distances d from an ellipsoid near them are psi(d) / mean(psi'), if these have too heavy a tail; psi is Tukey's.
 
-    Also S and the centre of that ellipsoid.
+    Also the entries (12,) of S and the centre of that ellipsoid.
 
     Least squares of these pseudo-values is the redescending fit, and their scatter gives its covariance (P. J. Huber and E. M. Ronchetti,
     Robust Statistics, 2009, section 7.8). Normal noise needs none of this.
@@ -260,75 +246,18 @@ def _calmed(m: np.ndarray, frame: Frame, shape: np.ndarray, centre: np.ndarray) 
     usual = scipy.special.erfc(_TAIL / np.sqrt(2)) * len(u)
     if len(u) >= _EACH * COUNT["symmetric"] and np.sum(ratio > _TAIL * quadric.spread_of(ratio)) > usual + _SURE * np.sqrt(usual):
         for _ in range(_ROUNDS):
-            one = by_ellipsoid(u, basis, x)
+            one = Ellipsoids.of(u, "symmetric").near(x, None, u)
             square = np.minimum((one.distance / (_TUKEY * quadric.spread_of(np.abs(one.distance)))) ** 2, 1.0)
             pulled = one.distance * (1 - square) ** 2 / np.mean((1 - square) * (1 - 5 * square))
             m = frame.centre + frame.scale * (u - one.normal * (one.distance - pulled)[:, None])
             x = x + np.linalg.lstsq(-one.slopes, pulled, rcond=None)[0]
-    iron = frame.scale * (basis @ x)
-    return m, iron[:9].reshape(3, 3), frame.centre + iron[9:]
+    return m, frame.scale * (basis @ x) + np.append(np.zeros(9), frame.centre)
 
 
-def candidates(u: np.ndarray, distinct: int, near: Any = None) -> tuple[dict[str, Found], int]:
-    """Fits of all kinds that have enough readings and are not clearly excluded, the largest first.
-
-    Also the number of bins, of 500, that contain a reading.
-    """
-    fits, failure, full, count = {}, None, None, 0
-    for kind in reversed(COUNT):
-        if distinct <= COUNT[kind]:
-            continue
-        if full is not None:
-            x, step = _smaller(full, kind)
-            margin = (COUNT[full.kind] - COUNT[kind]) * np.log(count)
-            # to first order in the step, which is the smallest in the covariance of the larger model
-            if score(full.distance + full.near.slopes @ step, kind, count) > score(full.distance, full.kind, count) + margin:
-                continue
-            iron = basis_of(kind) @ x
-            near = (iron[:9].reshape(3, 3), iron[9:]) if (x[: COUNT[kind] - 3] > 0).all() else None
-        try:
-            fits[kind] = fitted(u, kind, near)
-        except NotEllipsoid as error:
-            failure = error
-            continue
-        if len(fits) == 1:
-            count = int(np.count_nonzero(np.bincount(bins(unit(fits[kind].near.field)))))
-            full = fits[kind] if fits[kind].converged and np.isfinite(fits[kind].covariance).all() else None
-    if not fits:
-        raise failure or NotEllipsoid("quadric with more parameters than readings")
-    return fits, count
-
-
-def _smaller(full: Found, kind: str) -> tuple[np.ndarray, np.ndarray]:
-    """Parameters of a smaller kind nearest to a fit in its covariance: almost its fit where both models hold; and the step there."""
-    whiten, basis = symmetric_inverse(full.covariance), quadric.inverse_of(full.kind) @ basis_of(kind)
-    x = symmetric_inverse(basis.T @ whiten @ basis) @ (basis.T @ whiten @ full.parameters)
-    return x, basis @ x - full.parameters
-
-
-def score(distance: Any, kind: str, count: int) -> float:
-    """The criterion n ln(mean d^2) + k ln n. n is the number of occupied bins of 500, because neighbours repeat one another."""
-    return float(count * np.log(max(np.mean(distance**2), EXACT**2)) + COUNT[kind] * np.log(count))
-
-
-def left_out(fits: dict[str, Found], chosen: Found) -> np.ndarray:
-    """Bias (12,) of S and centre of the chosen model due to the terms that it leaves out, as far as the largest model shows it.
-
-    A lack of evidence for these terms must not make the fit more certain. The step to the largest model is this bias plus noise, and noise
-    contributes one per parameter to the likelihood ratio (positive-part James and Stein).
-    """
-    largest = next(iter(fits.values()))
-    more = COUNT[largest.kind] - COUNT[chosen.kind]
-    if not more or not np.isfinite(largest.covariance).all():
-        return np.zeros(12)  # the verdict reports that the largest model could not be tried
-    gain = float(np.sum(chosen.distance**2) - np.sum(largest.distance**2)) / max(largest.noise, 1e-300) ** 2
-    step = largest.basis @ largest.parameters - chosen.basis @ chosen.parameters
-    return np.sqrt(max(1 - more / max(gain, 1e-300), 0.0)) * step
-
-
-def fit_leaves(model: MagModel, m: Any, field: Any, conditions: dict[str, Any]) -> Surface:
+def _of_object(asked: Asked, m: Any) -> Surface:
     """The surface of a model object through readings (n, 3), on the host or in a trace, from the algebraic fit, or else from its values."""
-    xp, kind, frame, (given, names, put) = m.__array_namespace__(), m.dtype, Frame.of(m), parts_of(model)
+    model, field, conditions, (given, names, put) = asked.model, asked.norm, asked.conditions, asked.parts
+    xp, kind, frame = m.__array_namespace__(), m.dtype, Frame.of(m)
     left, values, right = xp.linalg.svd(given[:9].reshape(3, 3))
     turn, soft, hard, more = left @ right, (left * values[None]) @ left.T, given[9:12], given.size - 12
     norm = xp.median(xp.linalg.norm(m - hard[None], axis=1)) if field is None else field
@@ -343,18 +272,10 @@ def fit_leaves(model: MagModel, m: Any, field: Any, conditions: dict[str, Any]) 
         xp.concatenate([symmetric, xp.zeros((9, 3 + more), dtype=kind)], axis=1), xp.eye(3 + more, 9 + more, 6, dtype=kind)
     ])  # fmt: skip
     structure = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), model)
-
-    def near_at(x: Any, near: Near, m: Any, norm: Any, conditions: Any, to_leaves: Any) -> Near:
-        # in a trace the second look is where the first one ends, so that the slopes have a derivative by that place
-        for _ in range(1 if xp is np else 2):
-            measured, push, slopes = looked(structure, to_leaves @ x, near.field, norm, conditions)
-            near = nearest(push, m - measured + times(near.field, push.swapaxes(1, 2)), near.multiplier)
-        return near._replace(slopes=-xp.einsum("ni,nij->nj", near.normal, slopes) @ to_leaves)
-
     h = (m - hard[None]) @ xp.linalg.inv(soft @ turn).T
     h = h / (h**2).sum(axis=1, keepdims=True) ** 0.5
     begin = xp.concatenate([soft[UPPER], hard, given[12:]])
-    found = maximised(near_at, begin, h, basis, norm, type(model).__name__, m, norm, conditions, to_leaves)
+    found = maximised(Measured(structure, (m, norm, conditions, to_leaves), type(model).__name__, basis, norm), begin, h)
     leaves = to_leaves @ found.parameters
     return Surface(
         found=found, model=put(leaves), field=norm, residual=found.distance, noise=found.noise, m=m,

@@ -55,4 +55,5 @@ def test_what_could_not_be_seen_is_not_called_absent():
     for seed in range(5):
         small = fit(cases.readings(SMALL, cap(seed, 0.8, 100), 0.02, seed))
         assert small.verdict != "good"
-        assert (small.kind == "symmetric") != ("small_model" in small.codes)
+        assert small.kind == "none" or (small.kind == "symmetric") != ("small_model" in small.codes)
+        assert small.model is None or small.field < 2.0  # a surface without an end is a plane

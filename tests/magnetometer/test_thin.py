@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from jaxcal.magnetometer import fit
+from jaxcal.magnetometer import _orthogonal, fit
 from jaxcal.magnetometer._quadric import thinned
-from jaxcal.magnetometer._surface import candidates
+from jaxcal.magnetometer._surface import _occupied
 
 from . import cases
 
@@ -46,9 +46,13 @@ def test_thinning_is_even_over_cells_and_over_time():
     assert np.mean(kept < 30_000) == pytest.approx(0.5, abs=0.005)
 
 
-def test_models_that_the_largest_excludes_are_not_tried():
+def test_models_that_the_largest_excludes_are_not_tried(monkeypatch):
+    tried, fitted = [], _orthogonal.fitted
+    monkeypatch.setattr(_orthogonal, "fitted", lambda u, kind, near=None: tried.append(kind) or fitted(u, kind, near))
     for soft, left in (("symmetric", {"symmetric"}), ("sphere", {"symmetric", "diagonal", "sphere"})):
         sensor = cases.MILD if soft == "symmetric" else None
         u = cases.directions(300, 3)
         m = cases.readings(sensor, u, 0.01, 0) if sensor is not None else u + 0.01 * np.random.default_rng(0).normal(size=u.shape)
-        assert set(candidates(m - m.mean(axis=0), 300)[0]) == left
+        tried.clear()
+        _orthogonal.likeliest(m - m.mean(axis=0), 300, None, _occupied)
+        assert set(tried) == left
