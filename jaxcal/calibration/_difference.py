@@ -217,8 +217,10 @@ def _magnetometer(a: Part[Any], b: Part[Any], notes: Sequence[Finding]) -> PartD
         values.append(np.array([*(scale * _entries(shape)), *part.model.hard_iron, *(numbers[name] for name in further)]))
         held = part.spread([*SOFT, "field", *HARD, *further])
         strength = part.field if part.field else np.nan
-        missing = held is None or not np.isfinite(strength)
-        spreads.append(None if missing else _of_root(held, part.model.soft_iron, strength, shape / strength, scale * strength))
+        if held is not None:
+            soft = part.model.soft_iron
+            held = _of_root(held, soft, strength, shape / strength, scale * strength) if np.isfinite(strength) else None
+        spreads.append(held)
     turned = turns[1] @ turns[0].T
     angle = np.degrees(np.arccos(np.clip((np.trace(turned) - 1) / 2, -1.0, 1.0)))
     if angle > 1e-3:
@@ -257,8 +259,9 @@ def _noise(sensor: str, i: int, a: Any, b: Any, notes: Sequence[Finding]) -> Par
     part = _part(f"noise {sensor}_{_AXES[i]}", terms, units, first**2, second**2, spread, (*notes, *said))
     with np.errstate(divide="ignore", invalid="ignore"):
         # first-order error of each coefficient, from that of its square
-        error = np.sqrt(sum(np.diag(s) / (4 * value**2) for s, value in zip(squares, (first, second), strict=True) if s is not None))
-    error = np.where(np.isfinite(error), error, np.nan) * np.ones(len(terms))
+        known = [np.diag(s) / (4 * value**2) for s, value in zip(squares, (first, second), strict=True) if s is not None]
+        error = np.sqrt(np.sum(known or [np.full(len(terms), np.nan)], axis=0))
+    error = np.where(np.isfinite(error), error, np.nan)
     return dataclasses.replace(part, first=first, second=second, standard_error=error)
 
 

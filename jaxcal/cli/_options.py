@@ -53,23 +53,24 @@ Name = Annotated[str | None, Parameter(name="--name", help="Name of the device, 
 Noise = Annotated[Path | None, Parameter(help="Noise of the sensors: calibration.json of jaxcal noise. Else the log gives the noise.")]
 
 
-def _within(option: str, low: float, high: float, unit: str, help: str) -> Parameter:
+def _within(option: str, limits: tuple[float, float], unit: str, help: str) -> Parameter:
     """Parameter of a number with limits."""
+    low, high = limits
     return checked(f"--{option}", lambda value: low <= value <= high, f"{low:g} to {high:g} {unit}".strip(), help)
 
 
-Level = Annotated[float, _within("confidence", 0.01, 0.9999, "", "Level of the intervals.")]
-Latitude = Annotated[float, _within("latitude", -90, 90, "degrees", "Latitude of the place, in degrees.")]
-Height = Annotated[float, _within("height", -500, 9000, "m above sea level", "Height of the place, in m.")]
+Level = Annotated[float, _within("confidence", (0.01, 0.9999), "", "Level of the intervals.")]
+Latitude = Annotated[float, _within("latitude", (-90, 90), "degrees", "Latitude of the place, in degrees.")]
+Height = Annotated[float, _within("height", (-500, 9000), "m above sea level", "Height of the place, in m.")]
 Dip = Annotated[
-    float, _within("inclination", -89.9, 89.9, "degrees, positive downwards", "Dip of the Earth's field at the place, in degrees.")
+    float, _within("inclination", (-89.9, 89.9), "degrees, positive downwards", "Dip of the Earth's field at the place, in degrees.")
 ]  # fmt: skip
 Gravity = Annotated[
-    float, _within("gravity", *ON_EARTH["gravity"], "m/s^2; --latitude gives it",
+    float, _within("gravity", ON_EARTH["gravity"], "m/s^2; --latitude gives it",
                    "Gravity at the place, in m/s^2; else from --latitude and --height, else standard gravity."),
 ]  # fmt: skip
 Field = Annotated[
-    float, _within("field", *(limit * 1e6 for limit in ON_EARTH["field"]), "uT",
+    float, _within("field", (1e6 * ON_EARTH["field"][0], 1e6 * ON_EARTH["field"][1]), "uT",
                    "Norm of the Earth's field at the place, in uT; without it, corrected readings keep their size."),
 ]  # fmt: skip
 Out = Annotated[Path | None, Parameter(help="Folder for the files, made if it is missing. Default: LOG-COMMAND, such as imu-noise.")]

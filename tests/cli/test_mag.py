@@ -71,7 +71,8 @@ def test_the_field_of_a_place_scales_the_result(simulated, folder):
 
 def test_exports_hold_what_the_calibration_says(simulated, folder):
     call, _ = simulated
-    found = call("mag", "tumble.csv", "--calibration", "device.json", "--export", "c", "--export", "csv=mag.csv", "--export", "motioncal")
+    exports = ("--export", "c", "--export", "csv=mag.csv", "--export", "motioncal")
+    found = call("mag", "tumble.csv", "--calibration", "device.json", *exports)
     assert found.status == 0
     assert "strength of the field was not known" in " ".join(found.out.split())
     hard = jaxcal.Calibration.load(folder / "device.json").magnetometer.model.hard_iron
