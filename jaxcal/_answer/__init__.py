@@ -13,7 +13,6 @@ from ._findings import (
     CAUTION as CAUTION,
     FATAL as FATAL,
     NOTE as NOTE,
-    VERDICTS as VERDICTS,
     Finding as Finding,
     Kind as Kind,
     Quantity as Quantity,
