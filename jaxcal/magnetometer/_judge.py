@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from .._answer import CAUTION, FATAL, Finding, Quantity
+from .._answer import CAUTION, FATAL, Finding, Quantity, joined_names
 from ..fitting import Estimate
 from ..fitting._information import information as of_jacobian
 from . import _quadric as quadric
@@ -81,9 +81,9 @@ def _weakest(surface: Surface) -> tuple[float, str]:
     values, vectors = np.linalg.svd(np.linalg.qr(sphere_rows(unit(surface.corrected[surface.rows])) @ part, mode="r"))[1:]
     condition = float(values[0] / values[-1]) if len(values) == part.shape[1] and values[-1] > 0 else np.inf
     axes = [("xyz"[i], "xyz"[j]) for i, j in zip(*UPPER, strict=True)]
-    words = [f"scale along {i}" if i == j else f"coupling of {i} and {j}" for i, j in axes] + [f"hard iron along {i}" for i in "xyz"]
+    words = [f"scale_{i}" if i == j else f"coupling of {i} and {j}" for i, j in axes] + [f"hard iron_{i}" for i in "xyz"]
     weak = np.abs(part @ vectors[-1])
-    return condition, ", ".join(word for word, share in zip(words, weak, strict=True) if share > 0.5 * weak.max())
+    return condition, joined_names(word for word, share in zip(words, weak, strict=True) if share > 0.5 * weak.max())
 
 
 def _causes(surface: Surface, costs: Sequence[Any]) -> list[Finding]:
