@@ -8,8 +8,6 @@ from typing import Any
 
 #: commands that take a log
 LOGS = ("info", "noise", "allan", "psd", "temperature", "imu", "rate-table", "mag", "device", "north")
-#: options of every command that reads a log
-READING_OPTIONS = {"--columns", "--units", "--rate", "--topics", "--data", "--missing", "--format", "--axes"}
 #: commands that `jaxcal batch --task` can run
 TASKS = ("noise", "mag", "imu", "temperature", "allan")
 _OTHER_NAMES = {

@@ -73,9 +73,6 @@ Field = Annotated[
     float, _within("field", (1e6 * ON_EARTH["field"][0], 1e6 * ON_EARTH["field"][1]), "uT",
                    "Norm of the Earth's field at the place, in uT; without it, corrected readings keep their size."),
 ]  # fmt: skip
-Out = Annotated[Path | None, Parameter(help="Folder for the files, made if it is missing. Default: LOG-COMMAND, such as imu-noise.")]
-Json = Annotated[Path | None, Parameter(help="Numbers, findings and fields of the result as JSON, in SI units.")]
-Report = Annotated[Path | None, Parameter(help="Report as one HTML file.")]
 Plot = Annotated[
     Path | None,
     checked("--plot", lambda path: path.suffix.lower() in (".png", ".svg", ".pdf"), "a name that ends in .png, .svg or .pdf",
