@@ -92,8 +92,8 @@ def exported(*formats: str) -> Parameter:
 class Files:
     """Where results go; without any of these options they are only printed. A command adds its own files."""
 
-    json: Json = None
-    report: Report = None
+    json: Annotated[Path | None, Parameter(help="Numbers, findings and fields of the result as JSON, in SI units.")] = None
+    report: Annotated[Path | None, Parameter(help="Report as one HTML file.")] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,7 +107,9 @@ class Pictured(Files):
 class Folder(Files):
     """Where results go: a folder for all of them, or single files."""
 
-    out: Out = None
+    out: Annotated[
+        Path | None, Parameter(help="Folder for the files, made if it is missing. Default: LOG-COMMAND, such as imu-noise.")
+    ] = None
 
 
 @dataclass(frozen=True, kw_only=True)
