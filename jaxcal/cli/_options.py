@@ -107,9 +107,7 @@ class Pictured(Files):
 class Folder(Files):
     """Where results go: a folder for all of them, or single files."""
 
-    out: Annotated[
-        Path | None, Parameter(help="Folder for the files, made if it is missing. Default: LOG-COMMAND, such as imu-noise.")
-    ] = None
+    out: Annotated[Path | None, Parameter(help="Folder for the files, made if missing. Default: LOG-COMMAND, such as imu-noise.")] = None
 
 
 @dataclass(frozen=True, kw_only=True)
