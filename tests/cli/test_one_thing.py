@@ -23,11 +23,6 @@ def device(folder):
     return golden
 
 
-def advised_options_work(call, folder, device):
-    """What a message advises for a log without stamps works in the spelling of the terminal."""
-    assert call("allan", "rest.csv", "--columns", "time=none,gyro=1:3", "--rate", "100", "--units", "gyro=rad/s").status == 0
-
-
 def noise_exports_alike(call, folder, device):
     """`jaxcal noise` and `jaxcal export` of its calibration write the same numbers, also where a term was not found."""
     assert call("noise", "rest.csv", "--terms", "NK").status == 0
@@ -80,9 +75,7 @@ def help_has_an_example(call, folder, device):
         assert ("LOG-" in said) == (command in ("noise", "temperature", "imu", "rate-table", "mag", "device", "budget")), command
 
 
-TABLE = [
-    advised_options_work, noise_exports_alike, exports_replace_nothing, info_names_every_command, units_are_one, help_has_an_example,
-]  # fmt: skip
+TABLE = [noise_exports_alike, exports_replace_nothing, info_names_every_command, units_are_one, help_has_an_example]
 
 
 @pytest.mark.parametrize("check", TABLE, ids=lambda check: check.__name__)
