@@ -5,6 +5,7 @@ import importlib
 import json
 import pathlib
 import re
+import shlex
 import subprocess
 import sys
 import types
@@ -12,6 +13,8 @@ import types
 import jax
 import numpy as np
 import pytest
+
+from jaxcal.cli import main
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
@@ -72,6 +75,26 @@ def test_differentiable_experiments_run():
     assert found["value"] < found["first"] - np.log(2)
     assert found["slope"].sum() == pytest.approx(-1.0, rel=1e-3)
     assert 0 < found["gain"] < 1
+
+
+ANSWER = re.compile(r"```\n(jaxcal .*?)\n```\n\nprints, for the log of `(.*?)`,\n\n```text\n(.*?)```", re.DOTALL)
+NUMBER = r"-?\d+(?:\.\d+)?(?:e[-+]\d+)?"
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("page", ["noise", "imu", "magnetometer", "temperature", "north", "device"])
+def test_a_task_begins_with_the_call_and_what_it_prints(page, tmp_path, monkeypatch, capsys):
+    """The same words, and each value within the half-width that the page shows."""
+    call, simulation, answer = ANSWER.search((ROOT / "docs" / "tasks" / f"{page}.md").read_text(encoding="utf-8")).groups()
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "80")
+    assert [main(shlex.split(one)[1:]) for one in (simulation, call)] == [0, 0]
+    printed = {re.sub(rf"{NUMBER}|\s+", "", line): line for line in capsys.readouterr().out.splitlines()[::-1]}
+    for line in filter(lambda line: line not in ("", "..."), answer.splitlines()):
+        now = printed[re.sub(rf"{NUMBER}|\s+", "", line)]
+        pairs = (re.findall(rf"({NUMBER}) ± ({NUMBER})", one) for one in (line, now))
+        for (shown, half), (value, _) in zip(*pairs, strict=True):
+            assert abs(float(shown) - float(value)) <= float(half), line
 
 
 def test_pages_of_the_interface_follow_the_packages():
