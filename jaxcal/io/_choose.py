@@ -170,7 +170,7 @@ def _by_axis(table: Any, found: Selection, sensor: str, taken: set[int]) -> None
             one is not None
             and one.axis
             and i not in taken
-            and one.kind in (sensor, *["accel or linear"] * (sensor == "accel"))
+            and sensor in (one.kind, one.kind.removesuffix(" or linear"))
             and _present(table, i)
         ):
             axes.setdefault(one.axis, i)
@@ -189,12 +189,13 @@ def _unclear_names(table: Any, found: Selection, triples: list[Triple]) -> DataE
     """Error for names that do not say which sensor the columns hold: what they hold, and the option with what is known."""
     names, count = table.names, len(table.columns)
     if found.gravity_free:
-        said = (
-            "{names} hold acceleration from which gravity was removed (linear or free acceleration), which is no specific force, and no "
-            "other sensor is in the table; to read these values all the same: {option.columns:accel={a}:{b}} {option.units:accel=m/s^2}"
+        said = "{names} hold acceleration without gravity (linear or free), which is no specific force, and no other sensor is in the table"
+        how = Message(
+            "to read it all the same: {option.columns:{given}} {option.units:accel=m/s^2}", given=_option({"accel": found.gravity_free[:3]})
         )
-        shown, (a, b) = ", ".join(names[i] for i in found.gravity_free[:3]), (found.gravity_free[0], found.gravity_free[-1])
-        return DataError(Message(said, names=shown, a=a, b=b), code="gravity_free")
+        return DataError(
+            joined_messages([Message(said, names=", ".join(names[i] for i in found.gravity_free[:3])), how]), code="gravity_free"
+        )
     likely = [one for one in triples if not one.kind and one.odds[one.likely] > 0] or [one for one in triples if one.kind != "other"]
     refuse_mixed(table, {one.likely: one.columns for one in likely})
     apart = {i for one in triples if one.kind == "other" for i in one.columns}

@@ -65,12 +65,11 @@ def array_chunks(array: np.ndarray, columns: Sequence[Any] | None) -> Chunks:
     if array.ndim not in (1, 2) or array.dtype.kind not in "iuf":
         raise DataError(f"shape {array.shape}, type {array.dtype}; expected numbers of shape (n,) or (n, channels)", code="chunks")
     width = 1 if array.ndim == 1 else array.shape[1]
-    if columns is None:
-        return Chunks(len(array), width, array.ndim == 1, lambda start, stop: array[start:stop].reshape(-1, width))
-    chosen = np.atleast_1d(np.asarray(columns))
+    chosen = np.arange(width) if columns is None else np.atleast_1d(np.asarray(columns))
     if chosen.dtype.kind not in "iu" or chosen.size == 0 or np.any((chosen < 0) | (chosen >= width)):
         raise DataError(f"columns={columns!r}: the array has columns 0 .. {width - 1}; choose among these numbers", code="chunks")
-    return Chunks(len(array), len(chosen), array.ndim == 1, lambda start, stop: array[start:stop].reshape(-1, width)[:, chosen])
+    place = slice(None) if columns is None else chosen  # without a copy
+    return Chunks(len(array), len(chosen), array.ndim == 1, lambda start, stop: array[start:stop].reshape(-1, width)[:, place])
 
 
 def _joined(arrays: dict[str, Any], columns: Sequence[Any] | None) -> Chunks:

@@ -91,12 +91,8 @@ def clock_of(table, found: Selection, units: dict[str, str], rate: float | int |
         except DataError as error:
             faults.append(error)
             continue
-        if (
-            "time" not in units
-            and len(indices) == 1
-            and _unnamed(table, found, indices[0])
-            and not re.match("starts at|dates|times of day|.*agrees with|.*Julian", clock.reason)
-        ):
+        silent = "time" not in units and len(indices) == 1 and _unnamed(table, found, indices[0])
+        if silent and not re.match("starts at|dates|times of day|.*agrees with|.*Julian", clock.reason):
             clock = dataclasses.replace(clock, sure=False, reason=f"it rises as time does, but its name does not say so; {clock.reason}")
         clocks.append(clock)
     found.counters = [table.names[i] or str(i) for i in counters]

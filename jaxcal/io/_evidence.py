@@ -221,12 +221,11 @@ def field_size(values: np.ndarray) -> tuple[float, str]:
         size = np.sqrt(np.mean(np.sum(centred**2, axis=1)))
         if 0 < size < np.inf and np.linalg.svd(centred / size, compute_uv=False)[-1] > 0.1 * np.sqrt(len(seen)):
             # |v|^2 = 2 c.v + r^2 - |c|^2 is linear in c and the constant
-            unknowns, *_ = np.linalg.lstsq(
-                np.column_stack([2 * centred / size, np.ones(len(seen))]), np.sum((centred / size) ** 2, axis=1), rcond=None
-            )
+            unit = centred / size
+            unknowns = np.linalg.lstsq(np.column_stack([2 * unit, np.ones(len(seen))]), np.sum(unit**2, axis=1), rcond=None)[0]
             radius = np.sqrt(max(0.0, unknowns[3] + unknowns[:3] @ unknowns[:3]))
             # noise fills the sphere instead of lying on its surface
-            lies = np.std(np.linalg.norm(centred / size - unknowns[:3], axis=1)) < 0.25 * radius
+            lies = np.std(np.linalg.norm(unit - unknowns[:3], axis=1)) < 0.25 * radius
             # a radius much smaller than the vectors is the noise of a sensor at rest
             if lies and size * radius > 0.05 * np.median(np.linalg.norm(seen, axis=1)):
                 return float(size * radius), "sphere radius"

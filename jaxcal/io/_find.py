@@ -32,11 +32,7 @@ _SHOWN = 8
 _OTHERS = (
     ((b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05"), "a pickle, which can run any program", "save the arrays with numpy.savez"),
     ((b"ARROW1", b"FEA1"), "an Arrow (Feather) file", "save it as Parquet"),
-    (
-        (b"H Product:Blackbox", ".bbl", ".bfl"),
-        "a blackbox log of Betaflight or iNav",
-        "run `blackbox_decode LOG`, or use Blackbox Explorer",
-    ),
+    ((b"H Product:Blackbox", ".bbl", ".bfl"), "a blackbox log of Betaflight or iNav", "run `blackbox_decode LOG`"),
     ((".tlog",), "telemetry of MAVLink", "give the .bin log, or run `mavlogdump.py --format csv --types RAW_IMU LOG > imu.csv`"),
     ((b"MD\xfc\x03", ".cwa"), "a log of Axivity (CWA)", "export CSV with OmGui, or run `cwa-convert LOG -out log.csv`"),
     ((b"Device Identity",), "a log of GENEActiv", "export CSV with the GENEActiv software"),
@@ -164,8 +160,5 @@ def _refuse_others(head: bytes, suffix: str) -> None:
 
 def _is_mat4(head: bytes) -> bool:
     """Whether a file begins like MATLAB 4: a type of four decimal digits, and plausible sizes."""
-    return any(
-        kind in (*range(60), *range(1000, 1060)) and rows >= 0 and columns >= 0 and imaginary in (0, 1) and 0 < length < 256
-        for order in "<>"
-        for kind, rows, columns, imaginary, length in [struct.unpack(order + "5i", head[:20].ljust(20, b"\xff"))]
-    )
+    found = [struct.unpack(order + "5i", head[:20].ljust(20, b"\xff")) for order in "<>"]
+    return any(kind % 1000 < 60 and 0 <= kind < 2000 and min(a, b) >= 0 and i in (0, 1) and 0 < n < 256 for kind, a, b, i, n in found)

@@ -129,12 +129,10 @@ def _of_px4(path: pathlib.Path) -> Flight:
     for label in (f"{name}:0" for name in _GPS):
         gps: Any = rows.get(label, {})
         new = "latitude_deg" in gps  # firmware 1.15 and later
-        names, scales = (
-            (("latitude_deg", "longitude_deg", "altitude_msl_m"), (1, 1, 1)) if new else (("lat", "lon", "alt"), (1e-7, 1e-7, 1e-3))
-        )
+        names = ("latitude_deg", "longitude_deg", "altitude_msl_m") if new else ("lat", "lon", "alt")
         if place is None and {"fix_type", "time_utc_usec", *names} <= set(gps):
             fixed = (gps["fix_type"] >= _FIX) & (gps["time_utc_usec"] > 0)
-            place = _median([gps[name][fixed] * scale for name, scale in zip(names, scales, strict=True)])
+            place = _median([gps[name][fixed] * (1 if new else scale) for name, scale in zip(names, (1e-7, 1e-7, 1e-3), strict=True)])
             date = datetime.datetime.fromtimestamp(gps["time_utc_usec"][fixed][0] * 1e-6, datetime.UTC).date() if place else None
     count = {name: max((len(topic.offsets) for topic in log.topics if topic.name == name), default=0) for name in COMPASSES}
     chosen = next(name for name in COMPASSES if count[name] >= FEW * max(count.values()))

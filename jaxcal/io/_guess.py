@@ -103,11 +103,9 @@ def accel_unit(values: np.ndarray, stated: str | None, where: str, period: float
 
 def _gravity_free(stated: str, seen: str, stays: float) -> UnitDoubtError:
     left = f", of which {100 * stays:.0f} % is left after averaging" if np.isfinite(stays) else ""
-    return UnitDoubtError(
-        f"gravity is missing from accel ({seen}{' ' + stated if stated else ''}{left}): this is linear acceleration, and no specific force",
-        "record the accelerometer itself (with g); {option.units:accel={unit}} reads it all the same", "gravity_free",
-        unit=stated or "m/s^2",
-    )  # fmt: skip
+    why = f"gravity is missing from accel ({f'{seen} {stated}'.strip()}{left}): this is linear acceleration, and no specific force"
+    remedy = "record the accelerometer itself (with g); {option.units:accel={unit}} reads it all the same"
+    return UnitDoubtError(why, remedy, "gravity_free", unit=stated or "m/s^2")
 
 
 def mag_unit(values: np.ndarray, stated: str | None, where: str) -> Guess:

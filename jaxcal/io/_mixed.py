@@ -44,11 +44,8 @@ def refuse_mixed(table, columns: dict[str, list[int]]) -> None:
             continue
         smooth = _smoother(table, chosen, code)
         # an id may also be a counter that starts again, so the values must confirm it
-        if (
-            smooth > 3.0
-            or (device and (smooth > 0.8 or np.mean(turns) > 0.9))
-            or (perhaps and kinds <= 8 and (smooth > 1.3 or (kinds <= 4 and np.mean(turns) > 0.9)))
-        ):
+        often = np.mean(turns) > 0.9
+        if smooth > 3.0 or (device and (smooth > 0.8 or often)) or (perhaps and kinds <= 8 and (smooth > 1.3 or (kinds <= 4 and often))):
             shown = ", ".join(sorted({f"{value:g}" if isinstance(value, float) else str(value) for value in values.tolist()})[:6])
             said = f"column {i} ({table.names[i] or 'no name'}) names {kinds} devices or sensors whose rows take turns ({shown})"
             raise DataError(f"{said}: keep the rows of one of them in a file and read that", code="mixed")

@@ -94,10 +94,8 @@ _COUNTER = re.compile(
 #: words for the origin of a column, not its quantity
 _ORIGINS = _words(
     "imu field header msg data sensor sensors raw cal uncal calib uncalib calibrated uncalibrated value values val axis axe achse "
-    "asse adc body attr "
-    "corrected compensated "
-    "smooth in of the device phone input reading readings meas measured signal comp component channel ch ln wr low noise wide range "
-    "v mpu icm lsm bmi bno xsens mems filt filtered lpf avg"
+    "asse adc body attr corrected compensated smooth in of the device phone input reading readings meas measured signal comp "
+    "component channel ch ln wr low noise wide range v mpu icm lsm bmi bno xsens mems filt filtered lpf avg"
 )
 
 
@@ -142,13 +140,14 @@ class Name:
     """Meaning of a column name.
 
     `kind` is a quantity of a log or one of `OTHERS`, `axis` is x, y, z, "" or "nsec", `unit` is None if the name has no unit, and
-    `stem` is the same for all columns of one sensor of a known device.
+    `stem` is the same for all columns of one sensor of a known device. `sure` is False if only some of the words say so.
     """
 
     kind: str
     axis: str = ""
     unit: str | None = None
     stem: str = ""
+    sure: bool = True
 
 
 def bracketed(name: str) -> str | None:
@@ -294,16 +293,7 @@ def placed(words: list[str], axes: Sequence[str] = AXES) -> Iterator[tuple[str, 
             yield match[1], [*words[:i], match[2], *words[i + 1 :]]
 
 
-@dataclasses.dataclass(frozen=True)
-class Described:
-    """What the words beside an axis say: kind, unit, and whether all words say so or only some of them."""
-
-    kind: str
-    unit: str | None
-    sure: bool
-
-
-def described(words: list[str]) -> Described | None:
+def described(words: list[str]) -> Name | None:
     """What the words beside an axis say; None if they say nothing, or a word among them may change the meaning."""
     for tail in (0, *range(min(3, len(words) - 1), 0, -1)):  # try the longest unit first: mg before g
         head, end = words[: len(words) - tail], words[len(words) - tail :]
@@ -311,14 +301,14 @@ def described(words: list[str]) -> Described | None:
             continue
         unit = _spelled(end, quantity_of(kind)) if quantity_of(kind) in ("gyro", "accel", "mag") else None
         if not end or unit or (kind in OTHERS and all(word in _ORIGINS or word.isdigit() for word in end)):
-            return Described(kind, unit, True)
+            return Name(kind, "", unit)
     for size in range(len(words) - 1, 0, -1):
         for start in range(len(words) - size + 1):
             dropped = [*words[:start], *words[start + size :]]
             kind = _kind(words[start : start + size])
             if kind not in (None, *OTHERS) and not any(word in _CHANGING or _known(word) not in (None, kind) for word in dropped):
-                return Described(kind, None, False)
-    return Described("motion", None, False) if any(_known(word) in OTHERS for word in words) else None
+                return Name(kind, sure=False)
+    return Name("motion", sure=False) if any(_known(word) in OTHERS for word in words) else None
 
 
 def _known(word: str) -> str | None:

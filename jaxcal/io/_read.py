@@ -351,9 +351,7 @@ def faults(kind: str) -> Iterator[None]:
     except PermissionError as error:
         raise DataError("no permission to read it; change its mode, or copy it to where you may read", code="permission") from error
     except MemoryError as error:
-        raise DataError(
-            f"as {kind} it asks for more memory than there is: give a shorter part, or more memory", code="too_large"
-        ) from error
+        raise DataError(f"as {kind} it asks for more memory than there is: give a shorter part of it", code="too_large") from error
     except BaseException as error:
         # a panic inside polars is not an Exception; keyboard interrupts and exits pass through
         if not isinstance(error, Exception) and type(error).__name__ != "PanicException":

@@ -90,13 +90,11 @@ def offsets_of(names: list[str], columns: list[np.ndarray]) -> dict[str, np.ndar
 
 def parse_saved(text: str) -> Saved:
     """Parse and check the description written by `save`."""
-    try:
-        about: Any = json.loads(text)
-    except (ValueError, RecursionError):
-        about = None
-    about = about if isinstance(about, dict) else {}
-    schema, rate, provenance = map(about.get, ("schema", "rate", "provenance"))
-    findings = _findings(about)
+    schema = rate = provenance = findings = None
+    with contextlib.suppress(KeyError, TypeError, ValueError, AttributeError, IndexError, RecursionError):
+        about = json.loads(text)
+        schema, rate, provenance = (about[name] for name in ("schema", "rate", "provenance"))
+        findings = tuple(map(_again, about["findings"]))
     if isinstance(schema, int) and schema > _SCHEMA:
         raise DataError("it was written by a later version of jaxcal; update jaxcal, or convert the log again", code="later_version")
     positive = isinstance(rate, float | int) and not isinstance(rate, bool) and 0 < rate < math.inf
@@ -109,18 +107,10 @@ def parse_saved(text: str) -> Saved:
 
 
 def _kept(one: Finding) -> dict[str, Any]:
-    """A finding in a form from which `_findings` makes it again."""
+    """A finding in a form from which `_again` makes it again."""
     facts = {name: fact if isinstance(fact, str | int | float | bool) else str(fact) for name, fact in plain(dict(one.facts)).items()}
     own = {"code": one.code, "severity": int(one.severity), "subject": list(one.subject), "cost": one.cost}
     return own | {"facts": facts, "text": str(one)}
-
-
-def _findings(about: dict[str, Any]) -> tuple[Finding, ...] | None:
-    """The findings of a saved log; None if they are damaged."""
-    try:
-        return tuple(_again(one) for one in about["findings"])
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError):
-        return None
 
 
 def _again(one: dict[str, Any]) -> Finding:

@@ -156,12 +156,8 @@ def weigh_values(one: Triple, table: Any, wanted: str | None, *, nameless: bool 
     # where the name says rate, the length must be that of gravity and steady, and not nearly so
     nearly = int(one.odds["gyro"] <= one.odds["accel"])
     heavy = steady < (0.1, 0.5)[nearly] and bool(_guess.fitting("accel", median_norm(values), nearly) or counts_hint("accel", values))
-    field = (
-        steady < 0.9
-        and not (nameless and all_integer(values))
-        and bool(_guess.fitting("mag", radius))
-        and (nameless or how == "sphere radius")
-    )
+    may = not all_integer(values) if nameless else how == "sphere radius"
+    field = steady < 0.9 and may and bool(_guess.fitting("mag", radius))
     one.odds["accel"] += heavy * sure
     one.odds["mag"] += field * (sure if how == "sphere radius" else 1.0)
     # without names, what is like neither gravity nor a field is a rate

@@ -166,9 +166,7 @@ def _parse(pl: Any, read: Callable[[], bytes], layout: Layout) -> Block:
         frame, faults = _repair(pl, text, layout)
     if frame.to_series(layout.width - 1).null_count():
         frame = frame.filter(~pl.all_horizontal(pl.all().is_null()))
-    columns = (
-        _STAMPS[kind](frame.to_series(j)) if kind in _STAMPS else frame.to_series(j).to_numpy() for j, kind in enumerate(layout.kinds)
-    )
+    columns = (_STAMPS.get(kind, pl.Series.to_numpy)(frame.to_series(j)) for j, kind in enumerate(layout.kinds))
     return Block(collections.deque(columns), frame.height, text.count(b"\n"), faults or Faults(frame.height))
 
 
@@ -314,10 +312,8 @@ def _repair(pl: Any, content: bytes, layout: Layout) -> tuple[Any, Faults]:
         lines = lines.filter(right)
     lines = lines.with_columns(pl.when(fields > layout.width).then(line.str.strip_suffix(separator)).otherwise(line).alias("line"))
     text = "\n".join(lines["line"].to_list()).encode()
-    strings = {f"c{j}": pl.String for j in range(layout.width)}
-    frame = pl.read_csv(
-        text, has_header=False, separator=separator, schema=strings, null_values=list(MISSING), quote_char=None, raise_if_empty=False
-    )
+    more = {"schema": {f"c{j}": pl.String for j in range(layout.width)}, "null_values": list(MISSING), "raise_if_empty": False}
+    frame = pl.read_csv(text, has_header=False, separator=separator, quote_char=None, **more)
     return frame.select(_cast(pl, frame, j, layout, lines["number"], faults) for j in range(layout.width)), faults
 
 

@@ -33,10 +33,8 @@ def read_px4(path: pathlib.Path, topics: list[str] | None, units: dict[str, str]
     log = ULog(path, frozenset(_ALL))
     found = {topic.label: topic for topic in log.topics}
     if not found:
-        raise DataError(
-            f"no sensor topic ({', '.join(_ALL)}) with data in it; the topics are: {', '.join(sorted(log.others)) or 'none'}",
-            code="no_sensor",
-        )
+        others = ", ".join(sorted(log.others)) or "none"
+        raise DataError(f"no sensor topic ({', '.join(_ALL)}) with data in it; the topics are: {others}", code="no_sensor")
     signals = Signals(None, {}, findings=log.findings)
     present = "; ".join(f"{label}{_device(log, topic)} ({len(topic.offsets)} rows{_rate(log, topic)})" for label, topic in found.items())
     signals.sources = present.split("; ")
@@ -102,16 +100,15 @@ def _parts(log: ULog, topic: Topic, signals: Signals) -> list[Part]:
 
 
 def _combined(log: ULog, topic: Topic, signals: Signals) -> list[Part]:
-    rows = _rows(
-        log, topic, ["timestamp", "gyro_rad", "accelerometer_m_s2"],
-        ["accelerometer_timestamp_relative", "accel_calibration_count", "gyro_calibration_count"],
-    )  # fmt: skip
-    for count in ("accel_calibration_count", "gyro_calibration_count"):
+    counts = ["accel_calibration_count", "gyro_calibration_count"]
+    needed, own = ["timestamp", "gyro_rad", "accelerometer_m_s2"], "accelerometer_timestamp_relative"
+    rows = _rows(log, topic, needed, [own, *counts])
+    for count in counts:
         rows = _longest(rows, count, topic, signals.findings)
     stamps = rows["timestamp"].astype(np.int64) * 1000
     accel, later = _wide(rows, ["accelerometer_m_s2"]), stamps
-    if "accelerometer_timestamp_relative" in rows:
-        relative = rows["accelerometer_timestamp_relative"].astype(np.int64)
+    if own in rows:
+        relative = rows[own].astype(np.int64)
         invalid = relative == _INVALID
         accel[invalid] = np.nan
         later = stamps + np.where(invalid, 0, relative) * 1000

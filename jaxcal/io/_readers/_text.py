@@ -43,13 +43,10 @@ _DAY_ALONE, _CLOCK = re.compile(_DAY), re.compile(rf"\[?{_TIME_OF_DAY}\]?")
 _ANY = re.compile("|".join(f"(?:{form.pattern})" for form in (_NUMBER, _COMMA_NUMBER, _DATE, _DAY_ALONE, _CLOCK)), re.IGNORECASE)
 _WORDS = re.compile(r"(?!nan|null|none|n/a)[A-Za-z][\w #-]*:?$", re.IGNORECASE)
 #: lines of numbers that are not read as such, and what to do with them
-_UNREAD = (
-    (re.compile(r"^[^a-zA-Z]*(?:[,;\s]*-?0x[\da-fA-F]+)+[,;\s]*$"), "; numbers such as 0x1F are hexadecimal: write signed decimal ones"),
-    (
-        re.compile(r"\d [^\d\s,;]+ *[,;\t]"),
-        "; a unit beside each number: remove it, as with `sed 's/\\([0-9]\\) [^,;]*/\\1/g' LOG > log.csv`",
-    ),
-)
+_UNREAD = {
+    r"^[^a-zA-Z]*(?:[,;\s]*-?0x[\da-fA-F]+)+[,;\s]*$": "; numbers such as 0x1F are hexadecimal: write signed decimal ones",
+    r"\d [^\d\s,;]+ *[,;\t]": "; a unit beside each number: remove it, as with `sed 's/\\([0-9]\\) [^,;]*/\\1/g' LOG > log.csv`",
+}
 #: kinds of text columns that are converted to time stamps
 STAMPS = ("date", "day", "clock")
 _LOOK = 500
@@ -76,17 +73,6 @@ class Text:
             at = self.first.find(b"\n", at) + 1
         return at
 
-    def edges(self, start: int) -> list[int]:
-        """Byte offsets at which blocks of whole lines begin, from `start` on, and the end of the last block."""
-        with self._open() as file:
-            size = file.seek(0, io.SEEK_END)
-            found = [start]
-            while found[-1] < size:
-                file.seek(min(found[-1] + BLOCK, size))
-                file.readline()
-                found.append(file.tell())
-        return found
-
     def part(self, start: int, stop: int) -> bytes:
         """The bytes between two offsets."""
         with self._open() as file:
@@ -98,8 +84,13 @@ class Text:
         if self.packed and self.content is None:
             yield from (functools.partial(bytes, block) for block in _unpacked(self.path, start))
             return
-        for at, end in itertools.pairwise(self.edges(start)):
-            yield functools.partial(self.part, at, end)
+        with self._open() as file:
+            size = file.seek(0, io.SEEK_END)
+            while start < size:
+                file.seek(min(start + BLOCK, size))
+                file.readline()
+                yield functools.partial(self.part, start, file.tell())
+                start = file.tell()
 
     def tail(self) -> str | None:
         """The end of the text; None for a packed file."""
@@ -233,7 +224,7 @@ def sniff(text: str) -> Layout:
     if best is None:
         shown = next((line.strip() for line in lines if line.strip()), "")
         short = [line.strip() for line in lines[:100] if len(line) < HEAD >> 9]
-        hint = next((hint for form, hint in _UNREAD if sum(form.search(line) is not None for line in short) > len(short) / 2), "")
+        hint = next((hint for form, hint in _UNREAD.items() if sum(bool(re.search(form, one)) for one in short) > len(short) / 2), "")
         raise DataError(f"there are no rows of numbers; the first line is {shown[:80]!r}{hint}", code="no_rows")
     delimiter, width, found = best
     numbers = [j for j in range(width) if _kind([row[j].strip() for row in found.values()]) in ("int", "long", "float")]
