@@ -121,21 +121,13 @@ def _candidates(table, found: Selection, wanted: list[int] | None) -> list[list[
     dates = [i for i, column in enumerate(table.columns) if column.dtype.kind == "M" and i not in table.days]
     sets = [[i] for i in dict.fromkeys([*named, *dates, *sorted(table.clocks)]) if _varies(table, i)]
     whole = next((i for i in named if (one := found.names[i]) is not None and one.unit == "s" and i not in table.clocks), None)
-    if fraction and whole is not None:
-        sets = [[whole, fraction[0]], *(one for one in sets if one != [whole])]
-    elif fraction:
-        sets += [[i] for i in fraction]
-    if not fraction:
-        parts = {i: SECONDS[one.unit] for i in named if (one := found.names[i]) is not None and one.unit in ("ms", "us", "ns")}
-        wholes = [one[0] for one in sets if one[0] not in parts]
-        pairs = [[j, i] for i, size in parts.items() for j in wholes if is_fraction(table, j, i, size)]
-        if pairs:
-            sets = [pairs[0], *(one for one in sets if one[0] not in pairs[0])]
-    if table.days and table.clocks:
-        day, clock = min(table.days), min(table.clocks)
-        sets = [[day, clock], *(one for one in sets if one not in ([day], [clock]))]
-    if parts := of_day(table):
-        sets = [parts, *(one for one in sets if not set(one) & set(parts))]
+    parts = {i: SECONDS[one.unit] for i in named if (one := found.names[i]) is not None and one.unit in ("ms", "us", "ns")}
+    pairs = [[j, i] for i, size in parts.items() for (j,) in sets if j not in parts and is_fraction(table, j, i, size)]
+    if fraction:
+        pairs = [] if whole is None else [[whole, fraction[0]]]
+    day = [[min(table.days), min(table.clocks)]] if table.days and table.clocks else []
+    for joined in (*pairs[:1], *day, *filter(None, [of_day(table)])):
+        sets = [joined, *(one for one in sets if not set(one) & set(joined))]
     if wanted is not None and wanted not in sets:
         sets.insert(0, wanted)
     if sets:
@@ -190,9 +182,8 @@ def _counts_rows(table, indices: list[int], stated: str | None) -> bool:
 
 
 def reading_of(
-    table, indices: list[int], stated: str | None, rate: float | int | None, found: Selection, what: str = "sensor", *,
-    explicit: bool = False,
-) -> Clock:  # fmt: skip
+    table, indices: list[int], stated: str | None, rate: float | int | None, found: Selection, what: str = "sensor", explicit: bool = False
+) -> Clock:
     """Time stamps of columns. Whole numbers become relative to the first, so that no digit is lost; dates and decimals stay as they are."""
     columns = [table.columns[i] for i in indices]
     for i, column in zip(indices, columns, strict=True):

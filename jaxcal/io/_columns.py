@@ -14,6 +14,8 @@ from ._names import AXES, plain
 SENSORS = ("gyro", "accel", "mag")
 _LISTS = ("columns", "axes")  # options whose values are lists: gyro=1,2,3
 
+#: quantity -> the readings of its columns
+Raw = dict[str, list[np.ndarray]]
 #: quantity -> its columns (by number or name), or None to leave it out
 Columns = dict[str, list[int | str] | None]
 

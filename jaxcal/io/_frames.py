@@ -43,9 +43,6 @@ def _of_pandas(frame: Any) -> dict[str, Any]:
 
 def _moments(column: Any) -> np.ndarray:
     """Values of a column; times with a time zone are converted to UTC."""
-    return np.array(column.dt.tz_convert("UTC").dt.tz_localize(None) if _zoned(column) and hasattr(column, "dt") else
-                    column.tz_convert("UTC").tz_localize(None) if _zoned(column) else column)  # fmt: skip
-
-
-def _zoned(column: Any) -> bool:
-    return getattr(column.dtype, "tz", None) is not None
+    if getattr(column.dtype, "tz", None) is not None:
+        column = (column.dt if hasattr(column, "dt") else column).tz_convert(None)
+    return np.array(column)

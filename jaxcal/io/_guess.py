@@ -192,11 +192,9 @@ def gyro_unit(values: np.ndarray, stated: str | None, where: str, turns: _eviden
     block = max(1, len(lengths) // 100)
     lengths = np.median(lengths[: len(lengths) // block * block].reshape(-1, block), axis=1)
     quiet, lively = np.quantile(lengths, [0.1, 0.9])
-    if lively > 3 * quiet:
-        return Guess("rad/s", f"assumed, because the rate varies and is {largest:.3g} at most", "deg/s", False)
     norm = float(np.median(lengths))
-    if norm > 0.35 and floor > 0.0 and lively - quiet > 20 * floor:
-        return Guess("rad/s", f"assumed: it moves, and has noise of only {floor:.2g} from sample to sample", "deg/s", False)
+    if lively > 3 * quiet or (norm > 0.35 and 0.0 < 20 * floor < lively - quiet):
+        return Guess("rad/s", f"assumed, because the rate varies and is {largest:.3g} at most", "deg/s", False)
     if norm > 0.35:
         return Guess("deg/s", f"assumed: median norm {norm:.3g} at rest, much for rad/s", "rad/s", False)
     return Guess("rad/s", f"assumed: median norm {norm:.3g} at rest fits rad/s and deg/s", "deg/s", False)

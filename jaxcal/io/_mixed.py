@@ -7,7 +7,7 @@ import numpy as np
 
 from .._errors import DataError
 from .._message import Message
-from ._columns import SENSORS
+from ._columns import SENSORS, Raw
 from ._names import plain
 from ._readers._bounds import PIECE
 
@@ -51,9 +51,7 @@ def refuse_mixed(table, columns: dict[str, list[int]]) -> None:
             raise DataError(f"{said}: keep the rows of one of them in a file and read that", code="mixed")
 
 
-def own_rows(
-    raw: dict[str, list[np.ndarray]], time: np.ndarray | None, problems: list[Any]
-) -> tuple[dict[str, list[np.ndarray]], np.ndarray | None]:
+def own_rows(raw: Raw, time: np.ndarray | None, problems: list[Any]) -> tuple[Raw, np.ndarray | None]:
     """Leave out rows of other sensors, in which all chosen ones are empty; report sensors that no row holds together."""
     held = {name: np.any([np.isfinite(column) for column in raw[name]], axis=0) for name in SENSORS if name in raw}
     shares = {name: float(rows.mean()) for name, rows in held.items()}
@@ -61,10 +59,7 @@ def own_rows(
         return raw, time
     names = [name for name, share in shares.items() if share > 0.1]
     if len(names) > 1 and not np.any(held[names[0]] & held[names[1]]):
-        said = (
-            "no row holds both {one} and {two}: the rows of several sensors take turns; read them one by one, as with "
-            "{option.columns:{one}=...}"
-        )
+        said = "no row holds both {one} and {two}, whose rows take turns; read them one by one, as with {option.columns:{one}=...}"
         problems.append(Message(said, one=names[0], two=names[1]))
     rows = np.any(list(held.values()), axis=0)
     if time is None or not rows.any() or rows.mean() > 0.8:

@@ -77,7 +77,8 @@ _TIME = _words(
     "waktu timp ido thoigian vrijeme "
     "starttime timestart timesample wallclock sensortimestamp loggingtimestamp motiontimestamp imutime imutimestamp timeimu"
 )
-_TIME_UNITS = {
+#: words for units of time -> the unit
+TIME_UNITS = {
     "s": "s", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sekunden": "s", "ms": "ms", "msec": "ms", "msecs": "ms",
     "millis": "ms", "millisec": "ms", "milliseconds": "ms", "millisecond": "ms", "us": "us", "usec": "us", "usecs": "us", "micros": "us",
     "microsec": "us", "microseconds": "us", "microsecond": "us", "ns": "ns", "nsec": "ns", "nsecs": "ns", "nanosec": "ns", "nanos": "ns",
@@ -125,14 +126,11 @@ COUNTS = re.compile(r"lsb|counts?|adc|digits?", re.IGNORECASE)
 
 
 #: words for units -> the unit
-_LONG_UNITS = tuple(
-    (re.compile(pattern, re.IGNORECASE), plain)
-    for pattern, plain in {
-        r"\*\*": "^", r"\u00ba": "\u00b0", r"\bmet(?:er|re)s?\b": "m", r"\bmilli[ -]?deg(?:ree)?s?\b": "mdeg",
-        r"\bdegrees?\b": "deg", r"\bradians?\b": "rad", r"\bseconds?\b": "s", r" *\bsquared\b": "^2", r"^g['\u2019]s$": "g",
-        r"(?:micro|\bu)[ -]?teslas?": "uT", r"nano[ -]?teslas?": "nT", r"(?<=tesla)s": "",
-    }.items()
-)  # fmt: skip
+_LONG_UNITS = {
+    r"\*\*": "^", r"\u00ba": "\u00b0", r"\bmet(?:er|re)s?\b": "m", r"\bmilli[ -]?deg(?:ree)?s?\b": "mdeg",
+    r"\bdegrees?\b": "deg", r"\bradians?\b": "rad", r"\bseconds?\b": "s", r" *\bsquared\b": "^2", r"^g['\u2019]s$": "g",
+    r"(?:micro|\bu)[ -]?teslas?": "uT", r"nano[ -]?teslas?": "nT", r"(?<=tesla)s": "",
+}  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True)
@@ -162,8 +160,8 @@ def unit_of(text: str, quantity: str) -> str | None:
     """Parse a unit in a header, with exponents such as ``rad s^-1`` and ``m s-2``; None if it is unknown."""
     text = re.sub(r"\((\w+\^?\d?)\)", r"\1", re.sub("^(?i:in|units?:?) +", "", text.strip())).rstrip("* ")
     if quantity != "time":
-        for pattern, plain in _LONG_UNITS:
-            text = pattern.sub(plain, text)
+        for pattern, plain in _LONG_UNITS.items():
+            text = re.sub(pattern, plain, text, flags=re.IGNORECASE)
     if quantity == "mag" and text in ("g", "mg"):
         return {"g": "G", "mg": "mG"}[text]
     # superscripts and the degree sign, also after a wrong decoding
@@ -338,7 +336,7 @@ def _time(words: list[str], inside: str | None) -> Name | None:
     if not bare:
         return None
     joined, head, last = "".join(bare), "".join(bare[:-1]), bare[-1]
-    own = unit_of(inside, "time") or _TIME_UNITS.get(inside.lower()) if inside else None
+    own = unit_of(inside, "time") or TIME_UNITS.get(inside.lower()) if inside else None
     # a unit in brackets outranks the name: Ts [deg.C] is a temperature, t [V] something else
     if inside and own is None and (joined in ("t", "ts") or any(unit_of(inside, quantity) for quantity in _MEASURED)):
         return None
@@ -349,13 +347,13 @@ def _time(words: list[str], inside: str | None) -> Name | None:
     # a column that is called "s" is not a time
     if head == "utc" and not own:  # a part of a date
         return None
-    if last in _TIME_UNITS and (head in _TIME or (not head and last not in ("s", "min", "nano", "second"))):
-        return Name("time", "nsec" if last in _FRACTIONS else "", _TIME_UNITS[last])
+    if last in TIME_UNITS and (head in _TIME or (not head and last not in ("s", "min", "nano", "second"))):
+        return Name("time", "nsec" if last in _FRACTIONS else "", TIME_UNITS[last])
     # "elapsed seconds", "milliseconds since start", "timestampms"
-    if bare[0] in _TIME_UNITS and "".join(bare[1:]) in ("elapsed", "sincestart", "sinceboot", "fromstart", "start"):
-        return Name("time", "", _TIME_UNITS[bare[0]])
+    if bare[0] in TIME_UNITS and "".join(bare[1:]) in ("elapsed", "sincestart", "sinceboot", "fromstart", "start"):
+        return Name("time", "", TIME_UNITS[bare[0]])
     match = re.fullmatch(r"(?:time|timestamp|timestampsample|t|ts|stamp)(usec|msec|nsec|us|ms|ns|sec|s)", joined)
-    return Name("time", "", _TIME_UNITS[match[1]]) if match and joined not in ("ts",) else None
+    return Name("time", "", TIME_UNITS[match[1]]) if match and joined not in ("ts",) else None
 
 
 def _temperature(words: list[str], inside: str | None) -> Name | None:

@@ -4,11 +4,10 @@ import numpy as np
 
 from .._errors import DataError
 from .._message import Message
+from ._columns import Raw
 
 
-def differentiate(
-    sensors: dict[str, list[np.ndarray]], time: np.ndarray | None, rate: float | int | None
-) -> tuple[dict[str, list[np.ndarray]], np.ndarray | None]:
+def differentiate(sensors: Raw, time: np.ndarray | None, rate: float | int | None) -> tuple[Raw, np.ndarray | None]:
     """Rates y_k = (x_(k+1) - x_k) / tau_0 at the time of x_k, and these times; missing over a step longer than 1.5 periods."""
     wrong = [name for name in ("mag", "temperature") if name in sensors]
     if wrong:

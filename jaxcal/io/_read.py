@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._answer import Finding
 from .._errors import DataError, ExportError, JaxcalError
 from .._files import clear_hidden, hidden_name, shown, version_of
 from .._log import Log
@@ -306,16 +305,11 @@ def _joined(tables: dict[str, Table], options: dict[str, Any]) -> Signals:
 
 
 def _build(signals: Signals, provenance: dict[str, Any]) -> Log:
-    def log(*stated: Finding) -> Log:
-        return Log(
-            signals.time, **signals.sensors, rate=signals.rate, own_time=signals.own_time, findings=[*signals.findings, *stated],
-            provenance=provenance,
-        )  # fmt: skip
-
-    built = log()
-    if signals.nominal is None or abs(signals.nominal / built.rate - 1.0) < 0.005:
-        return built
-    return log(READ("rate_differs", source="The file states", stated=signals.nominal, rate=built.rate))
+    said = {"findings": signals.findings, "provenance": provenance}
+    log = Log(signals.time, **signals.sensors, rate=signals.rate, own_time=signals.own_time, **said)
+    if signals.nominal is None or abs(signals.nominal / log.rate - 1.0) < 0.005:
+        return log
+    return log._replaced(findings=(*log.findings, READ("rate_differs", source="The file states", stated=signals.nominal, rate=log.rate)))
 
 
 def fingerprint(sources: list[pathlib.Path]) -> tuple[int, str]:

@@ -10,6 +10,7 @@ from .._errors import DataError
 from .._message import Message
 from .._units import factor
 from ._columns import scale
+from ._names import TIME_UNITS, words_of
 
 SECONDS = {unit: factor(unit, "time") for unit in ("s", "ms", "us", "ns")}
 DAY = factor("d", "time")
@@ -107,12 +108,9 @@ def of_day(table) -> list[int] | None:
 
 
 def fraction_size(name: str) -> float:
-    """Size in s of the unit that a name ends with, ms, us or ns; 0 for other names."""
-    word = re.sub(
-        r"sec(?:onds?)?|econds?", "s", re.sub(r"milli|micro|nano", lambda match: {"c": "u"}.get(match[0][2], match[0][0]), name.lower())
-    )
-    word = re.sub(r"[^a-z]", "", word)
-    return next((size for unit, size in SECONDS.items() if unit != "s" and word.endswith(unit)), 0.0)
+    """Size in s of the unit among the words of a name, ms, us or ns; 0 for other names."""
+    units = (TIME_UNITS.get(word, "") for word in words_of(name))
+    return next((SECONDS[unit] for unit in units if unit in ("ms", "us", "ns")), 0.0)
 
 
 def _within(column: np.ndarray, top: int) -> bool:
@@ -133,12 +131,9 @@ def is_fraction(table, whole: int, part: int, size: float) -> bool:
     if column.min() < 0 or not 0.5 < column.max() * size < 1.0:
         return False
     falls = np.diff(column.astype(np.float64)) * size < -0.5
-    if seconds.dtype.kind == "M":
-        steps = np.diff(seconds) / np.timedelta64(1, "s")
-    elif seconds.dtype.kind in "iuf":
-        steps = np.diff(seconds.astype(np.float64))
-    else:
+    if seconds.dtype.kind not in "Miuf":
         return False
+    steps = np.diff(seconds) / np.timedelta64(1, "s") if seconds.dtype.kind == "M" else np.diff(seconds.astype(np.float64))
     return bool(falls.any() and np.mean((steps[falls] == 1.0) | (steps[falls] == -59.0)) > 0.9 and np.mean(steps[~falls] == 0.0) > 0.9)
 
 

@@ -25,6 +25,7 @@ from ._bounds import MOST, allowed, check_declared, require
 from ._sandbox import sandbox
 from ._text import HEAD, MISSING, MONTHS, STAMPS, Layout, Text, open_text, sniff, split
 
+_PLAIN: dict[str, Any] = {"has_header": False, "encoding": "utf8-lossy", "raise_if_empty": False}  # options of polars
 #: largest share of damaged rows; a table with more is refused
 _TOLERATED = 0.01
 _DESCRIBES = 0.05  # share of the rows of the longest sheet below which a sheet describes the recording
@@ -179,10 +180,7 @@ def _parsed(pl: Any, text: bytes, layout: Layout) -> Any:
     for quick in (True, False) if plain else (False,):
         more = {"quote_char": None} if quick else {"null_values": list(MISSING), "comment_prefix": layout.comment}
         try:
-            return pl.read_csv(
-                text, has_header=False, separator=layout.delimiter, schema=schema, decimal_comma=layout.comma,
-                encoding="utf8-lossy", raise_if_empty=False, **more,
-            )  # fmt: skip
+            return pl.read_csv(text, separator=layout.delimiter, schema=schema, decimal_comma=layout.comma, **_PLAIN, **more)
         except (pl.exceptions.ComputeError, pl.exceptions.SchemaError):
             continue
     return None
@@ -286,10 +284,8 @@ _STAMPS = {"date": _dates, "day": _days, "clock": _clocks}
 
 def _repair(pl: Any, content: bytes, layout: Layout) -> tuple[Any, Faults]:
     """Parse a block line by line; rows with a wrong number of fields are left out, text among numbers becomes missing; count both."""
-    lines = pl.read_csv(
-        content, has_header=False, separator="\x1f", quote_char=None, schema={"line": pl.String}, encoding="utf8-lossy",
-        truncate_ragged_lines=True, raise_if_empty=False,
-    ).with_row_index("number", offset=1)  # fmt: skip
+    lines = pl.read_csv(content, separator="\x1f", quote_char=None, schema={"line": pl.String}, truncate_ragged_lines=True, **_PLAIN)
+    lines = lines.with_row_index("number", offset=1)
     line = pl.col("line")
     lines = lines.with_columns(line.str.strip_chars(" \t\r" if layout.delimiter != "\t" else " \r")).drop_nulls("line")
     if layout.delimiter in ",":
@@ -312,8 +308,8 @@ def _repair(pl: Any, content: bytes, layout: Layout) -> tuple[Any, Faults]:
         lines = lines.filter(right)
     lines = lines.with_columns(pl.when(fields > layout.width).then(line.str.strip_suffix(separator)).otherwise(line).alias("line"))
     text = "\n".join(lines["line"].to_list()).encode()
-    more = {"schema": {f"c{j}": pl.String for j in range(layout.width)}, "null_values": list(MISSING), "raise_if_empty": False}
-    frame = pl.read_csv(text, has_header=False, separator=separator, quote_char=None, **more)
+    strings = {f"c{j}": pl.String for j in range(layout.width)}
+    frame = pl.read_csv(text, separator=separator, quote_char=None, schema=strings, null_values=list(MISSING), **_PLAIN)
     return frame.select(_cast(pl, frame, j, layout, lines["number"], faults) for j in range(layout.width)), faults
 
 

@@ -290,10 +290,9 @@ class Sandbox:
             self.stop()
         if self._process is None:
             # -P: import no module from the working folder or from this folder
-            self._process = subprocess.Popen(
-                [sys.executable, "-P", __file__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-                env=os.environ | {"RUST_BACKTRACE": "0", "POLARS_MAX_THREADS": "2"},  # each thread takes a part of the memory
-            )  # fmt: skip
+            env, pipe = os.environ | {"RUST_BACKTRACE": "0", "POLARS_MAX_THREADS": "2"}, subprocess.PIPE  # each thread takes memory
+            command = [sys.executable, "-P", __file__]
+            self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, env=env)
             self._owner = os.getpid()
         return self._process
 
