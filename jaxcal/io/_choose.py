@@ -14,7 +14,7 @@ from ._columns import AXES, SENSORS, Columns, listing, resolve
 from ._evidence import all_integer
 from ._findings import READ
 from ._mixed import refuse_mixed
-from ._names import OTHERS, Name, bracketed, foreign, is_counter, is_other, parse, unit_of
+from ._names import OTHERS, Name, bracketed, foreign, is_counter, is_other, parse, quantity_of, unit_of
 from ._profiles import ROS2_IMU, matching
 from ._triples import ODDS, Triple, file_kind, triples_of, weigh_values
 
@@ -72,8 +72,7 @@ def select(table: Any, columns: Columns, wanted: str | None = None) -> Selection
     for quantity, indices in explicit.items():
         found.columns[quantity] = indices
         meaning, inside = read[indices[0]], bracketed(names[indices[0]])
-        kind = meaning.kind if meaning else ""
-        own = meaning.unit if meaning and quantity in (kind, {"accel or linear": "accel", "linear": "accel"}.get(kind)) else None
+        own = meaning.unit if meaning and quantity == quantity_of(meaning.kind) else None
         found.units.pop(quantity, None)
         if unit := own or (unit_of(inside, quantity) if inside else None):
             found.units[quantity] = unit
@@ -249,12 +248,12 @@ def _by_position(table: Any, columns: Columns, found: Selection, wanted: str | N
         one.odds = dict.fromkeys(SENSORS, 0.0) | {"linear": 0.0, "other": 0.0}
         weigh_values(one, table, wanted, nameless=True)
     roles = _joint(triples, table)
+    of = {role: one.columns for role, one in zip(roles, triples, strict=True)}
     if not triples[0].why:
-        which = ", ".join(f"{role} is {one.columns[0]}-{one.columns[-1]}" for role, one in zip(roles, triples, strict=True))
-        given = _option({role: one.columns for role, one in zip(roles, triples, strict=True)})
-        found.findings.append(READ("roles", which=which, given=given))
+        which = ", ".join(f"{role} is {indices[0]}-{indices[-1]}" for role, indices in of.items())
+        found.findings.append(READ("roles", which=which, given=_option(of)))
     found.why |= {role: why for role, one in zip(roles, triples, strict=True) if (why := one.why.get(role))}
-    found.columns |= ({"time": time} if time else {}) | {role: one.columns for role, one in zip(roles, triples, strict=True)}
+    found.columns |= ({"time": time} if time else {}) | of
 
 
 def _joint(triples: list[Triple], table: Any) -> tuple[str, ...]:

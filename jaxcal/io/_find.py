@@ -86,10 +86,9 @@ def sensor_files(files: list[pathlib.Path]) -> list[pathlib.Path]:
     kept = []
     for file in files:
         kind = file_kind(file.name.partition(".")[0])
-        if kind is None and _names_sensors(file):
+        if kind in SENSORS or (kind is None and _names_sensors(file)):
             kept.append(file)
-        elif kind in SENSORS:
-            kept.append(file)
+        if kind in SENSORS:
             found.setdefault(kind, []).append(re.sub(_VARIANT, "", file.name.lower()))
     twice = any(len(set(names)) > 1 for names in found.values())
     return [] if twice or len(files) < 2 or not found else kept

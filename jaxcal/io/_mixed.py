@@ -36,10 +36,7 @@ def refuse_mixed(table, columns: dict[str, list[int]]) -> None:
         if column.dtype.kind != "O" and not device and not perhaps and table.names[i]:
             continue
         code = _codes(values)
-        if code is None:
-            continue
-        kinds = int(code.max()) + 1
-        turns = np.diff(code) != 0
+        kinds, turns = int(code.max()) + 1, np.diff(code) != 0
         if not 2 <= kinds <= KINDS or np.mean(turns) < TURNS:
             continue
         smooth = _smoother(table, chosen, code)
@@ -67,16 +64,14 @@ def own_rows(raw: Raw, time: np.ndarray | None, problems: list[Any]) -> tuple[Ra
     return {name: [column[rows] for column in columns] for name, columns in raw.items()}, time[rows]
 
 
-def _codes(values: np.ndarray) -> np.ndarray | None:
-    """Replace the values of a column by indices of its distinct values; None if there are too many."""
+def _codes(values: np.ndarray) -> np.ndarray:
+    """Indices of the distinct values of a column; zeros if there are too many, or decimals among them."""
     if values.dtype.kind == "O":
         known: dict[str, int] = {}
         code = np.array([known.setdefault(str(value), len(known)) for value in values.tolist()])
-        return code if len(known) <= KINDS else None
-    if values.dtype.kind == "f" and not np.array_equal(values, np.round(values)):
-        return None
+        return code if len(known) <= KINDS else np.zeros_like(code)
     seen, code = np.unique(values, return_inverse=True)
-    return code if len(seen) <= KINDS else None
+    return code if len(seen) <= KINDS and np.array_equal(seen, np.round(seen)) else np.zeros_like(code)
 
 
 def _smoother(table, chosen: list[int], code: np.ndarray) -> float:

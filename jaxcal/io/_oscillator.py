@@ -103,9 +103,7 @@ def _meaning(table: Table, index: int) -> tuple[str, str]:
 
 def _chosen(table: Table, given: Mapping[str, Any], data: str) -> tuple[int | None, str, list[int]]:
     """The column of time, what the others hold ("": nothing says so), and which they are: as given, or as names, order and header say."""
-    known: Columns = {
-        name: [int(one) if one.isdecimal() else one for one in np.atleast_1d(value).tolist()] for name, value in given.items()
-    }
+    known: Columns = {name: [int(v) if v.isdecimal() else v for v in np.atleast_1d(value).tolist()] for name, value in given.items()}
     if unknown := set(known) - {"time", *UNITS}:
         raise wrong("columns", f"{', '.join(sorted(unknown))}: a clock has time, and phase or frequency")
     chosen = resolve(known, table.names, len(table.columns))

@@ -311,9 +311,9 @@ def _check_turns(guesses: dict[str, _guess.Guess], turns: Turning | None, clock:
         signals.findings.append(READ("turns_against", "gyro"))
 
 
-def _numbers(table: Table, index: int, kinds: str = "iufb") -> np.ndarray:
+def _numbers(table: Table, index: int) -> np.ndarray:
     column = table.columns[index]
-    if column.dtype.kind in kinds and index not in table.clocks:
+    if column.dtype.kind in "iufb" and index not in table.clocks:
         return column
     dates = column.dtype.kind == "M" or index in table.clocks
     held = "dates" if dates else f"text, such as {next((str(v) for v in column if v is not None), '')!r}"
@@ -342,18 +342,13 @@ def _beside(columns: list[np.ndarray]) -> np.ndarray | None:
 
 def _convert(columns: list[np.ndarray], factor: float, offset: float, *, own: bool = False) -> np.ndarray:
     """Convert columns to (n, k) in SI, each channel contiguous; in place if they are adjacent and may be overwritten (`own`)."""
-    if own and (rows := _beside(columns)) is not None:
-        if factor != 1.0:
-            rows *= factor
-        if offset:
-            rows += offset
-        return rows.T
-    out = np.empty((len(columns), len(columns[0])))
-    for row, column in zip(out, columns, strict=True):
-        if factor == 1.0:
-            row[:] = column
-        else:
+    out = _beside(columns) if own else None
+    if out is None:
+        out = np.empty((len(columns), len(columns[0])))
+        for row, column in zip(out, columns, strict=True):
             np.multiply(column, factor, out=row, casting="unsafe")
+    elif factor != 1.0:
+        out *= factor
     if offset:
         out += offset
     return out.T

@@ -133,15 +133,10 @@ def _records(log: DataFlash, label: str, rows: np.ndarray, signals: Signals) -> 
     names = rows.dtype.names or ()
     form = next(name for name in (group, f"{group}{int(number) + 1}") if name in log.formats and log.formats[name].dtype == rows.dtype)
     stamps = stamps_of(rows, label)
-    parts = []
-    for name, prefix, unit in _GROUPS[group]:
-        parts.append(Part(name, label, stamps, _values(log, form, rows, [prefix + axis for axis in "XYZ"]), unit))
-    if group == "IMU" and "T" in names:
-        parts.append(Part("temperature", label, stamps, _values(log, form, rows, ["T"]), "degC"))
-    if group in ("IMU", "MAG"):
-        signals.findings.append(READ("applied", label, who="ArduPilot"))
-    else:
-        signals.findings.append(READ("unstated", label))
+    held = [(name, [prefix + axis for axis in "XYZ"], unit) for name, prefix, unit in _GROUPS[group]]
+    held += [("temperature", ["T"], "degC")] * (group == "IMU" and "T" in names)
+    parts = [Part(name, label, stamps, _values(log, form, rows, fields), unit) for name, fields, unit in held]
+    signals.findings.append(READ("applied", label, who="ArduPilot") if group in ("IMU", "MAG") else READ("unstated", label))
     if group == "IMU":
         what = "The readings passed a filter and are logged far below the sensor's rate"
         signals.findings.append(READ("filtered", label, what=what, better="batches (INS_LOG_BAT_MASK)"))

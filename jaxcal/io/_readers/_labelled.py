@@ -61,15 +61,10 @@ def relabelled(text: str) -> Callable[[str], str] | None:
     timed = form[0] == "\0"
 
     def table(text: str) -> str:
-        out: list[str] = []
-        waiting = any(names[timed:])
-        for line in text.split("\n"):
-            own, numbers = _taken_apart(line)
-            if own == form and waiting:
-                out.append(",".join(names))
-                waiting = False
-            out.append(",".join(numbers) if own == form else line)
-        return "\n".join(out)
+        apart = [(line, *_taken_apart(line)) for line in text.split("\n")]
+        out = [",".join(numbers) if own == form else line for line, own, numbers in apart]
+        first = next(i for i, (_, own, _) in enumerate(apart) if own == form)
+        return "\n".join([*out[:first], *[",".join(names)] * any(names[timed:]), *out[first:]])
 
     return table
 

@@ -199,10 +199,7 @@ def _decode(raws: list[bytes], numbers: int, version: int, topic: str) -> tuple[
 
 def _parts(streams: list[Stream], units: dict[str, str], signals: Signals) -> list[Part]:
     """The sensors of all topics."""
-    parts: list[Part] = []
-    for stream in streams:
-        for name, values in _sensors(stream, signals).items():
-            parts.append(Part(name, stream.topic, stream.stamps, values, si_unit(name)))
+    parts = [Part(name, one.topic, one.stamps, values, si_unit(name)) for one in streams for name, values in _sensors(one, signals).items()]
     if not parts:
         said = f"no measurement in {', '.join(stream.topic for stream in streams)} ({' '.join(map(str, signals.findings))})"
         raise DataError(said, code="no_rows")
