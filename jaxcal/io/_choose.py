@@ -18,7 +18,7 @@ from ._names import OTHERS, Name, bracketed, foreign, is_counter, is_other, pars
 from ._profiles import ROS2_IMU, matching
 from ._triples import ODDS, Triple, file_kind, triples_of, weigh_values
 
-HOW = Message("say which is which, by number or name, with {option.columns:time=0,gyro=1:3,accel=4:6}")
+HOW = Message("say which is which, by number or name, for example {option.columns:time=0,gyro=1:3,accel=4:6}")
 #: words that suggest a sensor in the name of a column
 _LIKE = re.compile(r"gyr|angular|omega|rotrate|rotation(?!vector)|acc|mag(?:n|_|$|[xyz])|compass", re.IGNORECASE)
 #: words for values that were processed after the sensor
@@ -216,7 +216,7 @@ def _option(columns: dict[str, list[int]]) -> str:
 
 def unclear(why: Any, code: str = "columns_unclear", given: str = "") -> DataError:
     """Error for columns that do not show which sensor they hold; `given` are columns to name, if some are likely."""
-    how = Message("say it, as with {option.columns:{given}}, for gyro, accel or mag", given=given) if given else HOW
+    how = Message("say which is which (gyro, accel, mag), as in {option.columns:{given}}", given=given) if given else HOW
     return DataError(joined_messages([why, how]), code)
 
 
@@ -266,8 +266,8 @@ def _joint(triples: list[Triple], table: Any) -> tuple[str, ...]:
     best, second = sorted(totals, key=totals.__getitem__, reverse=True)[:2]
     if totals[best] < totals[second] + ODDS["margin"] or (len(triples) > 1 and triples[best.index("accel")].odds["accel"] <= 0.0):
         values = [np.column_stack([table.columns[i] for i in one.columns]) for one in triples]
-        whole = " of whole numbers, which look like raw counts," if all(map(all_integer, values)) else ""
-        why = f"the values of {len(triples)} times three columns{whole} do not show gravity, a field and rates clearly enough"
+        whole = ", whole numbers that look like raw counts," if all(map(all_integer, values)) else ""
+        why = f"their values{whole} do not show gravity, a field and rates clearly enough"
         given = _option({role: one.columns for role, one in zip(best, triples, strict=True)})
         raise unclear(f"{listing(table.names, len(table.columns))}: {why}", "no_gravity" if len(triples) > 1 else "counts", given)
     return best
@@ -275,7 +275,7 @@ def _joint(triples: list[Triple], table: Any) -> tuple[str, ...]:
 
 def increasing(values: np.ndarray) -> bool:
     """Whether a column increases like time: nearly all steps are positive."""
-    if values.dtype.kind not in "iuf":
+    if values.dtype.kind not in "iufM":
         return False
     return bool(len(values) > 1 and np.mean(values[1:] > values[:-1]) >= 0.95)
 

@@ -53,10 +53,3 @@ def test_channels_of_a_tdms_file_have_their_unit_and_rate(tmp_path):
         about = {"unit_string": "g", "wf_increment": 1 / RATE}
         writer.write_segment([nptdms.ChannelObject("imu", f"Acc{x}", truth["a"][:, k] / layouts.G, about) for k, x in enumerate("XYZ")])
     check(jaxcal.read(path, quiet=True), truth, "a")
-
-
-def test_a_unit_against_that_of_the_header_is_said(tmp_path):
-    path = tmp_path / "log.csv"
-    path.write_text("t [s],gx [rad/s]\n" + "".join(f"{t},{np.sin(t)}\n" for t in TIME))
-    said = [one for one in jaxcal.read(path, units="gyro=deg/s", quiet=True).findings if one.code == "against_header"]
-    assert [(one.facts["unit"], one.facts["header"]) for one in said] == [("deg/s", "rad/s")]

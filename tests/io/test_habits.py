@@ -199,6 +199,9 @@ def test_rows_newest_first_are_put_in_order(stamps, header, tmp_path):
     log = read(tmp_path / "log.csv", quiet=True)
     assert ("newest_first" in log.codes, log.rate) == (True, pytest.approx(RATE, rel=1e-3))
     np.testing.assert_allclose(log.accel, ACCEL * G, atol=1e-3)
+    # beside a clock that rises, a signal that falls turns nothing round
+    (tmp_path / "log.csv").write_text("".join(f"{line},{-i}\n" for i, line in enumerate(lines)))
+    assert "newest_first" not in read(tmp_path / "log.csv", columns="time=0,accel=1:3", quiet=True).codes
 
 
 def test_a_unit_in_brackets_outranks_a_name(tmp_path):
