@@ -2,8 +2,8 @@
 
     python benchmarks/columns.py [pattern of names]
 
-834 inputs: 200 headers that jaxcal's names were written with, and 56, 120 and 41 that were written afterwards, each of a sensor turned by
-hand and of one at rest. The signals and the text share no code with the reader. A refusal counts as rightly refused if the file holds no sensor, or if the
+1,076 inputs: 200 headers that jaxcal's names were written with, and 56, 120, 41, 91 and 30 that were written afterwards, each of a sensor turned
+by hand and of one at rest. The signals and the text share no code with the reader. A refusal counts as rightly refused if the file holds no sensor, or if the
 options that it names, typed as they stand, give the truth (the rate, and what the file cannot say, are known to whoever typed).
 """
 
@@ -685,6 +685,37 @@ add("stamps of minutes", "time_stamp,x,y,z,sitting,standing,walking,grazing", ""
 add("quadcopter deliveries", "time,wind_speed,wind_angle,battery_voltage,battery_current,position_x,position_y,position_z,orientation_x,orientation_y,orientation_z,orientation_w,velocity_x,velocity_y,velocity_z,angular_x,angular_y,angular_z,linear_acceleration_x,linear_acceleration_y,linear_acceleration_z", "t p p p p n3 q n3 w:r a:m")
 add("CareerCon", "row_id,series_id,measurement_number,orientation_X,orientation_Y,orientation_Z,orientation_W,angular_velocity_X,angular_velocity_Y,angular_velocity_Z,linear_acceleration_X,linear_acceleration_Y,linear_acceleration_Z", "s:0_0 n:0 i q w:r a:m")
 add("SUTD", "accx,accy,accz,grax,gray,graz,gyrx,gyry,gyrz,lacx,lacy,lacz,magx,magy,magz,rotx,roty,rotz,rote", "a:m v:m w:r f:m m:uT q")
+# --- and after these
+add("Sense HAT of a school", "Date,Time,temp_h,temp_p,humidity,pressure,pitch,roll,yaw,mag_x,mag_y,mag_z,accel_x,accel_y,accel_z,gyro_x,gyro_y,gyro_z", "D2 C tmp tmp p p e m:uT a:g w:r")
+add("Pico logger", "Timestamp,AccelerationX,AccelerationY,AccelerationZ,GyroscopeX,GyroscopeY,GyroscopeZ,TemperatureC", "tms a:g w:d tmp")
+add("CubeMX stream", "tick;acc_x_mg;acc_y_mg;acc_z_mg;gyro_x_mdps;gyro_y_mdps;gyro_z_mdps", "tms a:mg w:md", mark=";")
+add("ST MEMS Studio", "timestamp[us]\tA_x[mg]\tA_y[mg]\tA_z[mg]\tG_x[mdps]\tG_y[mdps]\tG_z[mdps]\tM_x[mgauss]\tM_y[mgauss]\tM_z[mgauss]", "tus a:mg w:md m:mG", mark="\t", file="log.txt")
+add("TDK Motion Link", "time(s),accel_x(g),accel_y(g),accel_z(g),gyro_x(dps),gyro_y(dps),gyro_z(dps),temp(degC)", "t a:g w:d tmp")
+add("Ellipse with dates", "UTC Date\tUTC Time\tAccelerometer X\tAccelerometer Y\tAccelerometer Z\tGyroscope X\tGyroscope Y\tGyroscope Z\n(yyyy-mm-dd)\t(hh:mm:ss)\t(m/s\u00b2)\t(m/s\u00b2)\t(m/s\u00b2)\t(\u00b0/s)\t(\u00b0/s)\t(\u00b0/s)", "D2 C a:m w:d", mark="\t", file="log.txt")
+add("Xsens MTw", "PacketCounter,Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z,UTC_Nano,UTC_Year,UTC_Month,UTC_Day,UTC_Hour,UTC_Minute,UTC_Second", "", lines=each(lambda k, t, a, w, m: f"{k},{xyz(a)},{xyz(w)},{MOM[k].microsecond * 1000},2023,5,1,{MOM[k].hour},{MOM[k].minute},{MOM[k].second}"), want="aw")
+add("orientation of an IMU", "timestamp,roll_deg,pitch_deg,yaw_deg,roll_rate_dps,pitch_rate_dps,yaw_rate_dps", "t e w:d")
+add("ship motion", "time;roll rate [deg/s];pitch rate [deg/s];yaw rate [deg/s];surge acc [m/s2];sway acc [m/s2];heave acc [m/s2]", "t w:d a:m", mark=";")
+add("vehicle dynamics", "t_s,ax_mps2,ay_mps2,az_mps2,p_radps,q_radps,r_radps,v_kph", "t a:m w:r p")
+add("simulink", "time,ax_meas,ay_meas,az_meas,wx_meas,wy_meas,wz_meas,ax_true,ay_true,az_true", "t a:m w:r a:m")
+add("rocket", "T+ (s),Accel X (g),Accel Y (g),Accel Z (g),Gyro X (dps),Gyro Y (dps),Gyro Z (dps),Baro Alt (ft)", "t a:g w:d p")
+add("tilt and rate", "time_ms,angX,angY,angZ,gyroX,gyroY,gyroZ", "tms e w:d")
+add("compass sketch", "millis,headingDeg,magX_uT,magY_uT,magZ_uT", "tms p m:uT")
+add("Hall sensor on a stage", "Position_mm,Bx_mT,By_mT,Bz_mT", "n3", lines=each(lambda k, t, a, w, m: f"{0.1 * k:.1f},{1 + t:.4f},{2 - t:.4f},{0.5 * t:.4f}"), refuse=True)
+add("smart shoe", "ts,L_ax,L_ay,L_az,L_gx,L_gy,L_gz,L_p1,L_p2,L_p3", "tms a:m w:d k k k")
+add("two watches", "time,acc_left_x,acc_left_y,acc_left_z,acc_right_x,acc_right_y,acc_right_z", "t a:g a:g")
+add("bees", "datetime,hive,x_accel,y_accel,z_accel,weight", "D s:A a:g p")
+add("elevator", "Time (s),Vertical acceleration (m/s\u00b2),Lateral X (m/s\u00b2),Lateral Y (m/s\u00b2)", "t n3", refuse=True)
+add("drum of a washing machine", "t[ms];acc1_x[g];acc1_y[g];acc1_z[g];acc2_x[g];acc2_y[g];acc2_z[g];rpm", "tms a:g a:g k", mark=";", edit=comma)
+add("bridge", "DATE;TIME;CH1_X (mg);CH1_Y (mg);CH1_Z (mg)", "D2 C a:mg", mark=";")
+add("seismic station in counts", "time,HNE,HNN,HNZ", "Ts n3", refuse=True)
+add("UWB and IMU", "timestamp,range_a0,range_a1,range_a2,ax,ay,az,gx,gy,gz", "t n3 a:m w:r")
+add("VR headset", "time,pos_x,pos_y,pos_z,rot_x,rot_y,rot_z,rot_w,vel_x,vel_y,vel_z,angVel_x,angVel_y,angVel_z", "t n3 q n3 w:r")
+add("joystick", "time,x,y,z,buttons", "t n3 k", refuse=True)
+add("GNSS antenna", "GPS_Time,East_m,North_m,Up_m,Qe,Qn,Qu", "tow n3 n3", refuse=True)
+add("Allan set of a student", "Sample,GyroX_raw,GyroY_raw,GyroZ_raw,Temp_raw", "i w:c n:-2400", known={"gyro": f"{1 / 131:.12g} deg/s"})
+add("quaternion and rates", "t,qw,qx,qy,qz,omega_x,omega_y,omega_z", "t q w:r")
+add("calibrated beside raw", "time,raw_ax,raw_ay,raw_az,cal_ax,cal_ay,cal_az", "t a:m a:m")
+add("nT of a satellite", "UTC,BX_nT,BY_nT,BZ_nT,B_nT", "D m:nT n:48000")
 # fmt: on
 
 

@@ -16,7 +16,7 @@ from ._readers._bounds import PIECE
 #: words for the axes x, y and z, and whether only rates are called so
 _WORDS = (
     (AXES, False), (("roll", "pitch", "yaw"), True), (("r", "p", "y"), True), (("p", "q", "r"), True), (("beta", "gamma", "alpha"), True),
-    (("1", "2", "3"), False), (("0", "1", "2"), False),
+    (("1", "2", "3"), False), (("0", "1", "2"), False), (("surge", "sway", "heave"), False),
 )  # fmt: skip
 #: decimal logarithms of the odds that a piece of evidence gives one sensor against the others, the margin by which the best must lead,
 #: and by how much another set of columns may stay behind the best to be named beside it.
@@ -111,13 +111,14 @@ def _weigh(one: Triple, table: Any, names: list[str], meaning: Name | None, key:
     else:
         axes, turning, *words = key
         words = ["rate" if turning and word in ("speed", "vel", "velocity", "dot") else word for word in words]
-        said = described(words or ["rate"] * (axes == ("p", "q", "r")))
+        said = described(["rate", *words] if axes == ("p", "q", "r") else words)
+        said = said if said and (said.sure or axes != ("p", "q", "r")) else None  # p_value is no rate
         kind, unit = (said.kind, said.unit) if said else ("", None)
         says = "name" if said and said.sure else "part of the name"
         one.increments = kind in ("d gyro", "d accel")
         if one.increments:
             kind, says, inside = kind[2:], "part of the name", "m/s^2" if inside == "m/s" else inside
-        if turning and kind != "gyro":
+        if (turning and kind != "gyro") or _fourth(names[one.columns[0]], names):
             kind, says = "other", "name"
         elif said and words != ["g"]:
             one.name = Name(kind, "x", unit)
@@ -136,6 +137,12 @@ def _weigh(one: Triple, table: Any, names: list[str], meaning: Name | None, key:
     for kind in SENSORS:
         one.odds[kind] += ODDS["unit"] * ((kind in one.units) - (bool(one.units) and kind not in one.units)) if inside or unit else 0.0
     weigh_values(one, table, wanted)
+
+
+def _fourth(name: str, names: list[str]) -> bool:
+    """Whether a name with w in the place of x is there too, as in a quaternion."""
+    low = name.lower()
+    return any(low[: x.start()] + "w" + low[x.end() :] in map(str.lower, names) for x in re.finditer("x", low))
 
 
 def weigh_values(one: Triple, table: Any, wanted: str | None, *, nameless: bool = False) -> None:
