@@ -88,7 +88,7 @@ def together(table, indices: list[int], sizes: list[float]) -> Clock:
     if of_day:
         return Clock(indices, since_midnight(first * sizes[0] + later), "time of day", "times of day in columns of their own")
     begin, small = first[known][0], next((unit for unit, one in SECONDS.items() if one == sizes[1]), "ns")
-    return Clock(indices, (first - begin) + later, f"s + {small}", f"s and {small}", "s", True, int(begin) * 10**9)
+    return Clock(indices, first.astype(np.float64) - begin + later, f"s + {small}", f"s and {small}", "s", True, int(begin) * 10**9)
 
 
 def of_day(table) -> list[int] | None:
