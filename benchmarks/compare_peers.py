@@ -212,6 +212,52 @@ def with_gyroscope(python, runs):
         yield f"| {name} | run | {' | '.join(cells)} |"
 
 
+def magfit(m, up, north):
+    """The rule of MAVProxy's MAGFit: an offset, a scale and a symmetric matrix, by SLSQP within the limits of its dialog.
+
+    It makes the mean distance least between a corrected reading and the known field at the known level and the heading of that reading.
+    """
+    from scipy.optimize import fmin_slsqp
+
+    flat, down = np.hypot(north[0], north[1]), north[2]
+
+    def correct(m, p):
+        return p[3] * (m + p[:3]) @ np.array([[p[4], p[7], p[8]], [p[7], p[5], p[9]], [p[8], p[9], p[6]]])
+
+    def off(p):
+        seen = correct(m, p)
+        level = seen - np.sum(seen * up, axis=1, keepdims=True) * up
+        expected = flat * level / np.linalg.norm(level, axis=1, keepdims=True) - down * up
+        return np.mean(np.linalg.norm(expected - seen, axis=1))
+
+    limits = [(-3, 3)] * 3 + [(1, 1 + 1e-5)] + [(0.8, 1.2)] * 3 + [(-0.2, 0.2)] * 3  # offsets of 1,500 mG in a field of 500
+    found = fmin_slsqp(off, np.array([0, 0, 0, 1, 1, 1, 1, 0, 0, 0], dtype=float), bounds=limits, iter=300, iprint=0)
+    return correct(np.eye(3), found) - correct(np.zeros((1, 3)), found), -found[:3]
+
+
+def with_vertical(python, runs):
+    import magnetometer as others
+
+    from jaxcal.magnetometer import Accelerometer, MagModel, fit
+
+    kinds = ("everywhere", "three turns, tilt 20", "cap 40")
+    yield f"| sensor | method | | {' | '.join(kinds)} |"
+    yield "|---|---|---|---|---|---|"
+    for sensor, truth in (("mounted straight", others.MILD), ("turned by 3.7°", others.TURNED)):
+        others.TURNED = truth  # of the drives and of the error of headings
+        rows = {"MAGFit, as in MAVProxy": ("rule", []), "jaxcal, `aid=Accelerometer(...)`": ("run", [])}
+        for kind in kinds:
+            drives = [others.driven(kind, 1000, 50.0, np.random.default_rng([run, 5]), 0.01)[::2] for run in range(runs)]
+            ups = [accel / np.linalg.norm(accel, axis=1, keepdims=True) for _, accel in drives]
+            found = [magfit(m, up, others.NORTH) for (m, _), up in zip(drives, ups, strict=True)]
+            theirs = [MagModel(np.linalg.inv(matrix.T), hard) for matrix, hard in found]
+            ours = [fit(m, field=others.NORTH, aid=Accelerometer(accel)).model for m, accel in drives]
+            for (_, cells), models in zip(rows.values(), (theirs, ours), strict=True):
+                cells.append(np.median([others.headings_off(one) for one in models]))
+        for name, (how, cells) in rows.items():
+            yield f"| {sensor} | {name} | {how} | {' | '.join(f'{one:.2g}' for one in cells)} |"
+
+
 # --- accelerometer and gyroscope
 
 
@@ -260,7 +306,13 @@ def session(python, runs):
             yield f"| {name} | run | {np.median(rms[:, 0]) / GRAVITY * 1e3:.2g} | {100 * np.median(rms[:, 1]):.2g} |"
 
 
-TABLES = {"noise": (noise, 12), "magnitudes": (magnitudes, 30), "gyroscope": (with_gyroscope, 6), "session": (session, 20)}
+TABLES = {
+    "noise": (noise, 12),
+    "magnitudes": (magnitudes, 30),
+    "gyroscope": (with_gyroscope, 6),
+    "vertical": (with_vertical, 6),
+    "session": (session, 20),
+}
 
 
 def main():
