@@ -1,4 +1,4 @@
-"""Take pictures of every report for inspection: 1280 and 390 px wide, light and dark, and printed.
+"""Take pictures of every report for inspection: 1400 and 390 px wide, light and dark, and as PDF on A4.
 
     python benchmarks/report_pictures.py FOLDER
     python benchmarks/report_pictures.py FOLDER --only noise mag
@@ -16,7 +16,7 @@ sys.path.insert(0, str(ROOT))
 
 from tests.report import browser, made  # noqa: E402
 
-LOOKS = [(width, scheme, "screen") for width in (1280, 390) for scheme in ("light", "dark")] + [(680, "light", "print")]
+LOOKS = [(width, scheme, "screen") for width in (1400, 390) for scheme in ("light", "dark")] + [(680, "light", "print")]
 
 
 def main() -> None:
@@ -42,6 +42,7 @@ def main() -> None:
                 tab.picture(asked.folder / f"{kind}-{width}-{scheme}-{media}.png")
                 for sentence in [*tab.run(script)["wrong"], *tab.complaints()]:
                     print(f"{kind}, {width} px, {scheme}, {media}: {sentence}")
+            (asked.folder / f"{kind}.pdf").write_bytes(tab.paper())
             print(f"{kind}: {page.stat().st_size / 1e3:.0f} kB, {len(LOOKS)} pictures", flush=True)
     finally:
         tab.close()

@@ -146,7 +146,7 @@ footer { color: var(--muted); font-size: .875rem; padding-bottom: 2rem; }
 }
 @media print {
   @page { margin: 15mm; }
-  body { font-size: 9pt; line-height: 1.35; }
+  body { font-size: 9pt; line-height: 1.35; print-color-adjust: exact; }
   header, main, footer, body > .facts { max-width: none; padding: 0; }
   figure, tr, li, dd { break-inside: avoid; }
   nav, .sphere.replay, .numbers, #tools, #brush { display: none; }

@@ -131,6 +131,11 @@ class Browser:
                 told.append(f"asks for {what['request']['url']}")
         return told
 
+    def paper(self):
+        """The page as PDF on A4, with the look of paper."""
+        self.call("Emulation.setEmulatedMedia", media="")
+        return base64.b64decode(self.call("Page.printToPDF", preferCSSPageSize=True, paperWidth=8.27, paperHeight=11.69)["data"])
+
     def picture(self, path):
         """Save the whole page as PNG."""
         found = self.call("Page.captureScreenshot", captureBeyondViewport=True, format="png")

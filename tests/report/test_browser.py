@@ -79,6 +79,14 @@ def test_the_first_screen_has_verdict_picture_and_numbers(tab, pages, kind, widt
     assert tab.run("document.documentElement.scrollWidth") == width
 
 
+@pytest.mark.parametrize("kind", sorted(set(LEAST) - {"device"}))
+def test_a_page_is_small_on_disk_and_on_paper(tab, pages, kind):
+    tab.look(1280)
+    tab.open((pages / f"{kind}.html").as_uri())
+    assert 1 <= len(re.findall(rb"/Type\s*/Page[^s]", tab.paper())) <= 4
+    assert (pages / f"{kind}.html").stat().st_size <= 350e3
+
+
 READ = "[...document.querySelectorAll('.views')[0].querySelectorAll('.readout')].map((one) => one.textContent)"
 CLICK = "[...document.querySelectorAll('{where}')].find((one) => one.textContent === '{text}').click()"
 INK = """(() => {  // how many pixels of a chart have the colour of the first axis
