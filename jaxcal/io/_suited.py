@@ -137,8 +137,8 @@ def _judged(log: Log) -> Iterator[tuple[str, bool, str, str]]:
     yield "temperature", at_rest and span >= _SPAN, warm, ""
     rates = _table_rates(gyro)
     yield "rate-table", rates, "steady turns of both signs about each axis" if rates else "no steady turns about each axis", " --rates ..."
-    level = _upright(accel) and turns and gyro is not None and poses == 1
-    reason = "rests in one attitude, with turns between" if level else "it needs rests on a level table, with turns between"
+    level = _upright(accel) and turns and gyro is not None and poses == 1 and log.duration >= 4 * _LONG
+    reason = "rests in one attitude, with turns between" if level else f"it needs rests of {_LONG:g} s on a level table, at several angles"
     yield "north", level, reason, " --latitude ..."
     yield "noise", at_rest or bool(part), long, part
     for curve in ("allan", "psd"):

@@ -76,8 +76,8 @@ def test_motion_by_hand_and_turntables_have_their_commands(tmp_path):
     assert found.commands[0].line == f"jaxcal device {tmp_path / 'hand.npz'}"
     assert suits(found)[-1] == "budget calibration.json --motion"
     assert len({one.command for one in found.commands}) == 10
-    # rests of 10 s on a level table, and turns of 3 s at 30 deg/s between them
-    noise, rate = np.random.default_rng(0), np.tile(np.repeat([0.0, np.deg2rad(30.0)], [1000, 300]), 4)
+    # rests of a minute on a level table, and turns of 3 s at 30 deg/s between them
+    noise, rate = np.random.default_rng(0), np.tile(np.repeat([0.0, np.deg2rad(30.0)], [6000, 300]), 4)
     time, level = np.arange(len(rate)) / 100, np.array([0.0, 0.0, G])
     gyro = np.outer(rate, [0, 0, 1]) + 1e-3 * noise.normal(size=(len(rate), 3))
     np.savez(tmp_path / "table.npz", time=time, gyro=gyro, accel=level + 0.01 * noise.normal(size=gyro.shape), units="SI")
