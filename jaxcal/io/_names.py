@@ -168,8 +168,7 @@ def unit_of(text: str, quantity: str) -> str | None:
     text = text.replace("\u207b\u00b9", "-1").replace("\u207b\u00b2", "-2").replace("\u00b7", " ").replace("*", " ")
     text = re.sub(r"\u00b2|\u00e2\u00b2|\u00c2\u00b2", "2", text).replace("\u00c2", "")
     text = re.sub(r"^(?:\u00b0|degrees?|grad)(?=\s*(?:/|per|s))", "deg", re.sub(r"\s*\bper\b\s*", "/", text), flags=re.IGNORECASE)
-    text = re.sub(r"[ _.]s(ec)?\^?\(?-1\)?$", "/s", text)
-    text = re.sub(r"[ _.]s(ec)?\^?\(?-2\)?$", "/s^2", text)
+    text = re.sub(r"[ _.]s(?:ec)?\^?\(?-([12])\)?$", lambda found: "/s^2" if found[1] == "2" else "/s", text)
     if quantity == "mag" and re.fullmatch(r"[^\x00-\x7f]t|micro[ _]?tesla", text, re.IGNORECASE):
         return "uT"
     if quantity == "temperature" and re.fullmatch(r"(?:deg\.? ?|[^\x00-\x7f]{0,2})C?", text) and text:

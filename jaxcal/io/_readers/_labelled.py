@@ -159,10 +159,10 @@ def refuse_kinds(lines: list[str]) -> None:
     # a label before every sample, such as that of an activity, is no kind of line
     sensors = [kind for kind, _ in kinds.most_common() if _SENSOR.search(kind)]
     widths = {len(re.split("[,;\t ]+", line)) for _, line in found}
-    if len(widths) == 1 and not sensors and not all(kind.rstrip().endswith((":", "=")) for kind in kinds):
+    ends = {kind.rstrip()[-1:] for kind in kinds}
+    # nor is a column of words, which `by_sensor` and `refuse_mixed` judge
+    if len(widths) == 1 and (ends <= {",", ";"} or not (sensors or ends <= {":", "="})):
         return
-    if len(widths) == 1 and all(kind.rstrip().endswith((",", ";")) for kind in kinds):
-        return  # a column of words, which `by_sensor` and `refuse_mixed` judge
     kind = sensors[0] if sensors else kinds.most_common(1)[0][0]
     word = re.sub(r"([\\/.*$^\[\]])", r"\\\1", kind)
     labelled = len(_PAIR.findall(next(line for one, line in found if one == kind))) > 1
