@@ -54,8 +54,7 @@ def norms(values: np.ndarray) -> np.ndarray:
 
 def median_norm(values: np.ndarray) -> float:
     """Median magnitude of the vectors."""
-    found = norms(values)
-    return float(np.median(found)) if len(found) else np.nan
+    return float(np.median(found)) if len(found := norms(values)) else np.nan
 
 
 def spread(values: np.ndarray) -> float:

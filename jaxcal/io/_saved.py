@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .._answer import NOTE, Finding, Kind, Severity, plain, table
+from .._answer import NOTE, Finding, Kind, Quantity, Severity, plain, table
 from .._errors import DataError, ExportError
 from .._log import Log
 from .._log_findings import LOG
@@ -90,16 +90,17 @@ def offsets_of(names: list[str], columns: list[np.ndarray]) -> dict[str, np.ndar
 
 def parse_saved(text: str) -> Saved:
     """Parse and check the description written by `save`."""
-    schema = rate = provenance = findings = None
+    about: dict[str, Any] = {}
     with contextlib.suppress(KeyError, TypeError, ValueError, AttributeError, IndexError, RecursionError):
-        about = json.loads(text)
-        schema, rate, provenance = (about[name] for name in ("schema", "rate", "provenance"))
-        findings = tuple(map(_again, about["findings"]))
+        about |= json.loads(text)
+        about["findings"] = tuple(map(_again, about["findings"]))
+    held: list[Any] = [about.get(name) for name in ("schema", "rate", "provenance", "findings")]
+    schema, rate, provenance, findings = held
     if isinstance(schema, int) and schema > _SCHEMA:
         raise DataError("it was written by a later version of jaxcal; update jaxcal, or convert the log again", code="later_version")
     positive = isinstance(rate, float | int) and not isinstance(rate, bool) and 0 < rate < math.inf
     known = isinstance(provenance, dict) and type(provenance.get("epoch_ns")) is int
-    if schema != _SCHEMA or findings is None or not (positive and known):
+    if schema != _SCHEMA or not isinstance(findings, tuple) or not (positive and known):
         raise DataError("it was written by jaxcal convert, but its description is damaged: convert the log again", code="damaged")
     if isinstance(provenance.get("selected"), list):
         provenance["selected"] = tuple(provenance["selected"])
@@ -109,12 +110,14 @@ def parse_saved(text: str) -> Saved:
 def _kept(one: Finding) -> dict[str, Any]:
     """A finding in a form from which `_again` makes it again."""
     facts = {name: fact if isinstance(fact, str | int | float | bool) else str(fact) for name, fact in plain(dict(one.facts)).items()}
+    facts |= {name: vars(fact) for name, fact in one.facts.items() if isinstance(fact, Quantity)}
     own = {"code": one.code, "severity": int(one.severity), "subject": list(one.subject), "cost": one.cost}
     return own | {"facts": facts, "text": str(one)}
 
 
 def _again(one: dict[str, Any]) -> Finding:
-    facts, subject, severity = dict(one["facts"]), [str(name) for name in one["subject"]], Severity(one["severity"])
+    facts = {name: Quantity(**fact) if isinstance(fact, dict) else fact for name, fact in one["facts"].items()}
+    subject, severity = [str(name) for name in one["subject"]], Severity(one["severity"])
     known = next((table for table in (READ, LOG) if one["code"] in table), None)
     found = None if known is None else known(one["code"], subject, one["cost"], severity, **facts)
     # a later version may say something else about the same facts, or need others

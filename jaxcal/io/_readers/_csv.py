@@ -167,7 +167,7 @@ def _parse(pl: Any, read: Callable[[], bytes], layout: Layout) -> Block:
         frame, faults = _repair(pl, text, layout)
     if frame.to_series(layout.width - 1).null_count():
         frame = frame.filter(~pl.all_horizontal(pl.all().is_null()))
-    columns = (_STAMPS.get(kind, pl.Series.to_numpy)(frame.to_series(j)) for j, kind in enumerate(layout.kinds))
+    columns = (_STAMPS.get(kind, lambda one: one.to_numpy())(frame.to_series(j)) for j, kind in enumerate(layout.kinds))
     return Block(collections.deque(columns), frame.height, text.count(b"\n"), faults or Faults(frame.height))
 
 

@@ -51,8 +51,7 @@ def relabelled(text: str) -> Callable[[str], str] | None:
     pairs = sum(len(_PAIR.findall(_ESP.sub("", _TIME.sub("", line, 1), 1))) > 1 for line in lines)
     if len(lines) < 5 or max(arrows, pairs) < SHARE * len(lines):
         return None
-    forms = collections.Counter(_taken_apart(line)[0] for line in lines)
-    form, count = forms.most_common(1)[0]
+    ((form, count),) = collections.Counter(_taken_apart(line)[0] for line in lines).most_common(1)
     if count < SHARE * len(lines) or len(form) < 2:
         return None
     names = _names(form)
