@@ -60,8 +60,8 @@ def _within(option: str, limits: tuple[float, float], unit: str, help: str) -> P
 
 
 Level = Annotated[float, _within("confidence", (0.01, 0.9999), "", "Level of the intervals.")]
-Latitude = Annotated[float, _within("latitude", (-90, 90), "degrees", "Latitude of the place, in degrees.")]
-Height = Annotated[float, _within("height", (-500, 9000), "m above sea level", "Height of the place, in m.")]
+Latitude = Annotated[float, _within("latitude", (-90.0, 90.0), "degrees", "Latitude of the place, in degrees.")]
+Height = Annotated[float, _within("height", (-500.0, 9000.0), "m above sea level", "Height of the place, in m.")]
 Dip = Annotated[
     float, _within("inclination", (-89.9, 89.9), "degrees, positive downwards", "Dip of the Earth's field at the place, in degrees.")
 ]  # fmt: skip
