@@ -13,7 +13,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._answer import Finding
-from .._arrays import namespace
 from .._errors import DataError
 from .._precision import host_float64
 from .._quality import checked_confidence, checked_rate, checked_record, refuse_infinite
@@ -144,7 +143,7 @@ def begin(
 def _finished(y, columns, rate, statistic: Kind, sizes, confidence, samples: int, measured, data, findings, uneven: bool):
     """The result from sums, counts and noise types, (clusters, channels). The sums come last, because they may still be computed."""
     sums, count, noise = measured
-    xp, kept = namespace(y, concrete=True), slice(None)
+    xp, kept = np if isinstance(y, np.ndarray) else jnp, slice(None)
     expected = statistic.count(samples, sizes)[:, None]
     if xp is np:
         some = np.all(count > 0, axis=1)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import math
 
 import numpy as np
 
@@ -143,17 +144,11 @@ def cluster_sizes(m: Sizes, kind: str | Kind, samples: int) -> Int[np.ndarray, "
         )
     if isinstance(m, str):
         if m == "log":
-            decades = np.log10(largest)
-            intervals = int(np.ceil(decades * PER_DECADE))
-            powers = np.arange(intervals + 1) * (decades / max(intervals, 1))
-            powers[-1] = decades
-            sizes = np.rint(np.power(10.0, powers)).astype(np.int64)
-        elif m == "all":
-            return np.arange(1, largest + 1)
-        else:
-            sizes = round_sizes(m, largest, "all")
-        # the sizes are ascending; keep each once
-        return sizes[(sizes >= 1) & (sizes <= largest) & (np.diff(sizes, prepend=0) > 0)].astype(np.int64)
+            decades = math.log10(largest)
+            powers = np.linspace(0.0, decades, math.ceil(decades * PER_DECADE) + 1)
+            return np.unique(np.rint(10.0**powers).astype(np.int64))
+        sizes = np.arange(1, largest + 1) if m == "all" else round_sizes(m, largest, "all")
+        return sizes[sizes <= largest]
     sizes = whole_sizes(m)
     if sizes.min() < 1 or sizes.max() > largest:
         bad = sizes[(sizes < 1) | (sizes > largest)]

@@ -78,14 +78,14 @@ def unevenness(values: np.ndarray, order: int = 1) -> Unevenness:
     >>> unevenness(y).loudest
     (0.8, 0.9)
     """
-    if not np.isfinite(values.sum()):
-        values, order = np.diff(values, order), 0
-        values = values[np.isfinite(values)]
-    count = min(len(values) // _SHORT // BLOCKS[0] * BLOCKS[0], _NEIGHBOURS)
-    if count < _FEWEST:
-        return Unevenness(0.0, None)
-    parts = np.diff(values[: len(values) // count * count].reshape(count, -1)[:, :_USED], order)
+    parts = _neighbours(values, order)
     energy = np.vecdot(parts, parts)
+    if not np.isfinite(energy.sum()):
+        values = np.diff(values, order)
+        parts = _neighbours(values[np.isfinite(values)], 0)
+        energy = np.vecdot(parts, parts)
+    if not (count := len(energy)):
+        return Unevenness(0.0, None)
     # where the step of the values hides the noise, the level of the readings decides how often they change
     if np.count_nonzero(parts == 0.0) > HIDDEN * parts.size or not (mean := energy.mean()) > 0.0:
         return Unevenness(0.0, None)
@@ -103,3 +103,11 @@ def unevenness(values: np.ndarray, order: int = 1) -> Unevenness:
         return Unevenness(0.0, None)
     loudest = int(np.argmax(energy.reshape(BLOCKS[0], -1).sum(axis=1)))
     return Unevenness(variance, (loudest / BLOCKS[0], (loudest + 1) / BLOCKS[0]))
+
+
+def _neighbours(values: np.ndarray, order: int) -> np.ndarray:
+    """Differences of an order in short neighbours, (neighbours, differences); no row if there are too few."""
+    count = min(len(values) // _SHORT // BLOCKS[0] * BLOCKS[0], _NEIGHBOURS)
+    if count < _FEWEST:
+        return np.empty((0, 1))
+    return np.diff(values[: len(values) // count * count].reshape(count, -1)[:, :_USED], order)
