@@ -24,7 +24,7 @@ from ._kinds import PER_DECADE, Kind, find_kind, round_sizes, whole_sizes
 from ._noise_type._b1_ratio import fewest_averages, noise_type_of_ratio
 from ._noise_type._identify import FEWEST, identify, types_for_intervals
 from ._result import Deviation, assembled
-from ._stretch import Points, Stretch, lengthened, new_stretch, reach_of, rounded, side_by_side, strides
+from ._stretch import Points, Stretch, completed, lengthened, new_stretch, reach_of, rounded, side_by_side, strides
 from ._uncertainty._edf import degrees_of_freedom, interval_factors
 
 _KINDS = ("adev", "oadev", "mdev", "tdev", "hdev", "ohdev")
@@ -293,12 +293,16 @@ class Accumulator(eqx.Module):
         taken, plan, kind = self._taken, self._plan, find_kind(self.kind)
         dense = int(np.count_nonzero(self._stride == 1))
         workers = min(os.cpu_count() or 1, 16) if jax.default_backend() == "cpu" else 1
-        with ThreadPoolExecutor(workers) as pool:
+        with ThreadPoolExecutor(workers + 2) as pool:  # two wait for the others
+            before = None
             for piece in pieces:
                 busy = workers > 1 and len(piece) * dense * self.channels >= PARALLEL_FROM
-                taken = lengthened(kind, plan, taken, piece, pool.map if busy else map, workers if busy else 1)
+                taken, lacking = lengthened(kind, plan, taken, piece, pool.map if busy else map, workers if busy else 1)
+                # the sums of a piece are formed while the next one is read
+                lacking = pool.submit(lacking).result if busy else lacking
+                taken, before = completed(taken, before) if before else taken, lacking
                 _let_go(source)
-        return taken
+            return completed(taken, before) if before else taken
 
     def _flushed(self) -> Stretch:
         return self._advanced(iter([np.concatenate(self._waiting)])) if self._waiting else self._taken

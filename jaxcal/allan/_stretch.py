@@ -47,7 +47,7 @@ class Points(NamedTuple):
 
     def moved(self, offset: Any, slope: Any, step: Any, lost: Any) -> "Points":
         """The points in another frame: a line is added to their phase, and `lost` more samples precede them."""
-        return Points(self.phase + offset[:, None] + slope[:, None] * step, self.lost + lost[:, None])
+        return Points(self.phase + (offset[:, None] + slope[:, None] * step), self.lost + lost[:, None])
 
     def followed(self, other: "Points") -> "Points":
         """These points and further ones in the same frame."""
@@ -137,10 +137,13 @@ def new_stretch(m: np.ndarray, stride: np.ndarray, channels: int, start: int | N
     return Stretch(start, 0, zero.astype(np.int64), zero, zero, zero, tuple(levels), tuple(begun(size) for size in m.tolist()))
 
 
-def lengthened(kind: Kind, m: np.ndarray, old: Stretch, samples: np.ndarray, run: Callable, workers: int) -> Stretch:
-    """The stretch with up to PIECE more samples, (w, channels); `run` maps a function over channels, or over parts of a single one.
+def lengthened(
+    kind: Kind, m: np.ndarray, old: Stretch, samples: np.ndarray, run: Callable, workers: int
+) -> tuple[Stretch, Callable[[], Any]]:
+    """The stretch with up to PIECE more samples, (w, channels), and a function that gives the sums which its first level still lacks.
 
-    The phase is laid out in reverse order of time, so that the kernel finds the starting points of the new differences at the front.
+    `run` maps a function over channels, or over parts of a single one. The phase is laid out in reverse order of time, so that the kernel
+    finds the starting points of the new differences at the front.
     """
     width, channels = samples.shape
     over, within = (run, map) if channels > 1 else (map, run)
@@ -166,14 +169,16 @@ def lengthened(kind: Kind, m: np.ndarray, old: Stretch, samples: np.ndarray, run
         some = at[: max(most - head.number, 0)]
         return _further(head, points(some), most, old.net, drift, np.array(some), old.lost) if some else head
 
-    levels = []
+    levels, squares, count, lacking = [], 0.0, 0, lambda: (0.0, 0)
     for level, reach in zip(old.levels, reaches, strict=True):
         at, longest, held = multiples(level.stride), int(reach[-1]), level.tail.number
-        tail = level.tail.moved(0 * tilt, tilt, (now // level.stride - np.arange(held)[::-1]) * level.stride - now, 0 * gone)
+        ago = np.arange(1 - held, 1) * level.stride - now % level.stride
+        tail = Points(level.tail.phase + tilt[:, None] * ago, level.tail.lost)
         number = np.clip(held + len(at) - reach, 0, len(at))
         if level.stride == 1:
             back[:, width : width + held] = net[:, None] - tail.phase[:, ::-1]
-            squares, count = _by_kernel(kind, level.steps, number, back, tail.lost, lost, over, within, 1 if channels > 1 else workers)
+            each = 1 if channels > 1 else workers
+            lacking = functools.partial(_by_kernel, kind, level.steps, number, back, tail.lost, lost, over, within, each)
         else:
             squares, count = _by_slices(kind, level.steps, tail.followed(points(at)), held + len(at) - number - reach, number)
         last = points(at[-longest:]) if len(at) >= longest else tail.followed(points(at))
@@ -186,7 +191,13 @@ def lengthened(kind: Kind, m: np.ndarray, old: Stretch, samples: np.ndarray, run
     return old._replace(
         samples=old.samples + width, present=old.present + width - gone, first_mean=first_mean, mean=mean,
         net=old.net + net + drift * width, levels=tuple(levels), marks=tuple(marks),
-    )  # fmt: skip
+    ), lacking  # fmt: skip
+
+
+def completed(stretch: Stretch, lacking: Callable[[], Any]) -> Stretch:
+    """The stretch with the sums that its first level lacked."""
+    (squares, count), (first, *others) = lacking(), stretch.levels
+    return stretch._replace(levels=(first._replace(squares=first.squares + squares, count=first.count + count), *others))
 
 
 def _further(head: Points, new: Points, most: int, net: np.ndarray, drift: np.ndarray, step: np.ndarray, lost: np.ndarray) -> Points:

@@ -18,7 +18,6 @@ from ._phase import BLOCK, IN_CACHE, running_sum_of_phase
 PARALLEL_FROM = 20_000_000
 _PER_SAMPLE = 1000  # differences per sample above which correlations cost less
 _MOST = 5e11  # largest number of differences for the block kernel: about half an hour on two cores
-_GROUP, _STEP, _FEW = 1024, 256, 32  # cluster sizes per pass of the block kernel; a multiple of 256, or of 32 for few sizes
 
 
 def record_sums(prepared, sizes, number, kind: Kind, workers: int, run: Callable) -> tuple[np.ndarray, np.ndarray]:
@@ -59,12 +58,12 @@ def sums_in_cache(theta, sizes, number, kind: Kind) -> Callable[[], np.ndarray]:
     # a compiled function reads an aligned array in place, and `device_put` would take longer than the call
     parts = running_sum_of_phase(theta) if kind.modified else (theta,)
     span = np.array([0, -(-int(number[0]) // BLOCK)])
-    sums = block_sums(parts, None, *filled(sizes, number, MANY), span, order=kind.difference)[0]
+    sums = block_sums(parts, None, *filled(sizes, number), span, order=kind.difference)[0]
     return lambda: np.asarray(sums)[: len(sizes)]
 
 
 def by_blocks(parts, missing, sizes, number, less, kind: Kind, rule: str, workers: int, run) -> tuple[np.ndarray, np.ndarray]:
-    """The block kernel over stretches of equal work in threads, and over at most 1,024 cluster sizes at a time."""
+    """The block kernel over stretches of equal work in threads, and over at most 512 cluster sizes at a time."""
     cost = float(number.sum())
     if len(sizes) > MANY and cost > _MOST:
         if missing is None:
@@ -77,18 +76,16 @@ def by_blocks(parts, missing, sizes, number, less, kind: Kind, rule: str, worker
             code="too_many",
         )
     found = []
-    for first in range(0, len(sizes), _GROUP):
-        m, count = sizes[first : first + _GROUP], number[first : first + _GROUP]
-        # one compiled program for many lengths: the added rows have no differences
-        m, count = filled(m, count, len(m) + -len(m) % (_STEP if len(sizes) > MANY else _FEW))
+    for first in range(0, len(sizes), MANY):
+        m, count = filled(sizes[first : first + MANY], number[first : first + MANY])
         found.append(_group(parts, missing, m, count, less, kind, rule, workers, run))
     total, count = (np.concatenate(values)[: len(sizes)] for values in zip(*found, strict=True))
     return total, count
 
 
-def filled(m, count, rows: int):
-    """Cluster sizes and numbers of differences, padded to `rows` by the largest size without any difference."""
-    extra = max(rows - len(m), 0)
+def filled(m, count):
+    """Cluster sizes and numbers of differences, padded by the largest size without any difference, so that all share one program."""
+    extra = MANY - len(m)
     return np.concatenate([m, np.full(extra, m[-1])]), np.concatenate([count, np.zeros(extra, count.dtype)])
 
 
