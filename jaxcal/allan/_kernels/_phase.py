@@ -1,11 +1,14 @@
 """Phase of a record and its running sum without loss of digits, and the buckets of length that all kernels share."""
 
-import jax
+import functools
+
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
 from ..._arrays import running_sum
+from ..._compile import one_kernel, stored_jit
+from ..._jax import WIDE
 from ..._types import Array, Float
 
 #: number of starting points that all cluster sizes visit in turn, and padding of every record; they stay in the first-level cache
@@ -60,7 +63,8 @@ def double_add(x, y):
     return _two_sum(hi, lo + x[1] + y[1])
 
 
-@jax.jit
+@functools.partial(stored_jit, compiler_options=WIDE)
+@one_kernel
 def running_sum_of_phase(theta: Float[Array, " padded"]) -> tuple[Float[Array, " padded"], Float[Array, " padded"]]:
     """C_k = sum_{i<k} theta_i as an unevaluated sum of two numbers (high, low).
 
@@ -69,17 +73,15 @@ def running_sum_of_phase(theta: Float[Array, " padded"]) -> tuple[Float[Array, "
     C_row + i theta_row + sum (theta - theta_row), whose last part is small.
     """
     rows = theta.reshape(-1, _ROW)
-    first = rows[:, :1]
-    local = rows - first
-    inside = jnp.cumsum(local, axis=1)
-    width = jnp.asarray(float(_ROW), theta.dtype)
-    total = double_add(_two_product(jnp.broadcast_to(width, first[:, 0].shape), first[:, 0]), (inside[:, -1], jnp.zeros_like(first[:, 0])))
-    sums = lax.associative_scan(double_add, total)
-    start = tuple(jnp.concatenate([jnp.zeros(1, theta.dtype), part[:-1]])[:, None] for part in sums)
+    first, zero = rows[:, :1], jnp.zeros((), theta.dtype)
+    inside = jnp.cumsum(rows - first, axis=1)
+    width = jnp.full(len(rows), float(_ROW), theta.dtype)
+    total = double_add(_two_product(width, first[:, 0]), (inside[:, -1], jnp.zeros_like(width)))
+    start = lax.scan(lambda before, row: (double_add(before, row), before), (zero, zero), total)[1]
     index = jnp.broadcast_to(jnp.arange(_ROW).astype(theta.dtype)[None, :], rows.shape)
     line = _two_product(index, jnp.broadcast_to(first, rows.shape))
     before = jnp.concatenate([jnp.zeros_like(first), inside[:, :-1]], axis=1)
-    hi, lo = double_add(start, double_add(line, (before, jnp.zeros_like(before))))
+    hi, lo = double_add(tuple(part[:, None] for part in start), double_add(line, (before, jnp.zeros_like(before))))
     return hi.reshape(-1), lo.reshape(-1)
 
 
