@@ -90,7 +90,7 @@ def _inverse_edf(m, alpha, points, kind: Kind) -> np.ndarray:
     a0, a1 = np.array([*GREENHALL_RILEY["modified" if modified else "plain"][order].values()])[2 - alpha].T
     out = (a0 - a1 / r) / r  # for long records
     j = np.minimum(total, (order + 1) * s)
-    limited, short = (j > _JMAX) & (r < order + 1), j <= _JMAX
+    limited, short = (j > _JMAX) & (r < order + 1), (j <= _JMAX) & (total > 1)
     if not modified:
         flicker, white = alpha == 1, alpha == 2
         if flicker.any():
@@ -115,6 +115,7 @@ def _inverse_edf(m, alpha, points, kind: Kind) -> np.ndarray:
             if chosen.any():
                 part = (total[chosen], j[chosen], s[chosen], math.inf if f is None else f[chosen])
                 out[chosen] = _short(*part, one, order)
+    out[total <= 1] = 1.0
     return out
 
 
