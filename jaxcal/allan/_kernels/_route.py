@@ -66,13 +66,9 @@ def by_blocks(parts, missing, sizes, number, less, kind: Kind, rule: str, worker
     """The block kernel over stretches of equal work in threads, and over at most 512 cluster sizes at a time."""
     cost = float(number.sum())
     if len(sizes) > MANY and cost > _MOST:
-        if missing is None:
-            why, cure = "rounding spoils the quick sums of this record", "remove what dwarfs its noise"
-        else:
-            why, cure = "a record with gaps has no quick sums", "take its longest stretch without gaps"
+        why = "rounding spoils the quick sums of this record" if missing is None else "a record with gaps has no quick sums"
         raise DataError(
-            f"{kind.name} at {len(sizes)} cluster sizes would take {cost:.1g} differences, and {_MOST:.0g} are the most: {why}; "
-            f'use m="log", or {cure}',
+            f'{kind.name} at {len(sizes)} cluster sizes would take {cost:.1g} differences, and {_MOST:.0g} are the most: {why}; use m="log"',
             code="too_many",
         )
     found = []
