@@ -68,7 +68,7 @@ def by_blocks(parts, missing, sizes, number, less, kind: Kind, rule: str, worker
     if len(sizes) > MANY and cost > _MOST:
         why = "rounding spoils the quick sums of this record" if missing is None else "a record with gaps has no quick sums"
         raise DataError(
-            f'{kind.name} at {len(sizes)} cluster sizes would take {cost:.1g} differences, and {_MOST:.0g} are the most: {why}; use m="log"',
+            f'{kind.name} at {len(sizes)} cluster sizes take {cost:.1g} differences, and {_MOST:.0g} are the most: {why}; use m="log"',
             code="too_many",
         )
     found = []
