@@ -285,4 +285,4 @@ def test_messages_about_parts_that_do_not_join(refuses):
     far = Accumulator(1.0, [1, 70_000])
     found = far.update(y).merge(far.update(y)).update(np.tile(y, 2000)).result()
     assert found.m.tolist() == [1]
-    assert [(one.code, one.facts["tau"]) for one in found.findings] == [("not_followed", "70000")]
+    assert [(one.code, one.facts["tau"]) for one in found.findings] == [("not_followed", "70000 s")]
