@@ -53,8 +53,8 @@ class Accumulator(eqx.Module):
     **Digits.** The phase is kept relative to the mean of the latest 1,048,576 samples, which does not affect any difference. So neither the
     length of the stream nor a wandering mean costs digits. Chunks may be float32; they are summed in float64.
 
-    **Cost.** oadev of a float32 file on the default grid (`benchmarks/_stream.py`): 31, 16 and 13 ns of processor time a sample at 10^6, 10^7
-    and 10^8 samples, shared by the cores; 0.3 GB in all.
+    **Cost.** oadev of a float32 file on the default grid: 31, 16 and 13 ns of processor time a sample at 10^6, 10^7 and 10^8 samples,
+    shared by the cores; 0.3 GB in all (`benchmarks/_stream.py`).
 
     **Noise type.** It is identified as by `deviation`, but from the first 1,024 averages at each cluster size, where `deviation` uses those
     in the middle of a longer record. So the type, and with it the interval, may differ near the boundary between two types.
