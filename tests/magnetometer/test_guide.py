@@ -116,7 +116,7 @@ def test_an_attitude_in_words_points_the_field_where_it_should():
     rng = np.random.default_rng(0)
     for i in range(300):
         wanted, dip = rng.normal(size=3), rng.uniform(-1.4, 1.4)
-        said = attitude_in_words(wanted / np.linalg.norm(wanted), dip, (None, [0, 0, 1.0], [0, 0, -1.0])[i % 3])
+        said = attitude_in_words(wanted / np.linalg.norm(wanted), dip, (None, np.array([0, 0, 1.0]), np.array([0, 0, -1.0]))[i % 3])
         x, z = np.array([0, 1.0 if "north" in said else -1.0, 0]), np.array([0, 0, 1.0 if "z up" in said else -1.0])
         axes = np.array([x, np.cross(z, x), z])
         for pattern, about in ((r"x (up|down) by (\d+)", [-x[1], 0, 0]), (r"roll (right|left) by (\d+)", None)):
