@@ -22,7 +22,7 @@ class Missing(eqx.Module):
     covariance : (q, q) of the coefficients; infinite if the parameters reproduce the term, so that the residuals cannot show it.
     change : (p, q) what each parameter of the result would change by for a unit of each coefficient.
     log_level : logarithm of `level`, which may be too small for a number.
-    odds : by how much the residuals make the term more probable (Bayes factor by the Bayesian information criterion); zero if they cannot.
+    odds : by how much the residuals make the term more probable (Bayes factor with a prior of unit information); zero if they cannot.
     better : whether the term improves the prediction of residuals that were left out of the fit.
     """
 
@@ -50,7 +50,9 @@ class Missing(eqx.Module):
         return self.change @ np.where(np.isfinite(np.diag(self.covariance)), self.coefficient, 0.0)
 
 
-def missing(rows: np.ndarray, jacobian: np.ndarray, terms: Mapping[str, np.ndarray], sigma: float | None = None) -> list[Missing]:
+def missing(
+    rows: np.ndarray, jacobian: np.ndarray, terms: Mapping[str, np.ndarray], sigma: float | None = None, least: float = 0.0
+) -> list[Missing]:
     """Test terms that a model lacks, on the residuals of its fit; the one that the residuals show most comes first.
 
     Parameters
@@ -59,6 +61,7 @@ def missing(rows: np.ndarray, jacobian: np.ndarray, terms: Mapping[str, np.ndarr
     jacobian : (n, p) their derivative by the parameters, with the same weights; a column of zeros is a parameter of other residuals.
     terms : name -> (n, q) by how much the residuals are larger for a unit of each coefficient, with the same weights.
     sigma : standard deviation of the rows; None estimates it from what the larger model leaves of them.
+    least : standard deviation of the rows by the noise of the sensor alone, a lower bound of the unknown one that `odds` begin at.
 
     Returns
     -------
@@ -92,6 +95,9 @@ def missing(rows: np.ndarray, jacobian: np.ndarray, terms: Mapping[str, np.ndarr
     basis, inverse = basis[:, kept], (right[kept].T / values[kept]) / size[used][:, None]
     plain, found = rows - basis @ (basis.T @ rows), []
     without, share = np.sum(plain**2), np.sum(basis**2, axis=1)
+    number = max(len(rows) - basis.shape[1], 1)
+    top = 10 * max(np.sqrt(without / number), least, 1e-150)
+    sizes = np.geomspace(max(least, 1e-4 * top), top, 50)
     for name, x in terms.items():
         freedom = len(rows) - basis.shape[1] - x.shape[1]
         if freedom < (LEAST if sigma is None else 0):
@@ -111,15 +117,25 @@ def missing(rows: np.ndarray, jacobian: np.ndarray, terms: Mapping[str, np.ndarr
         variance = max(square / freedom, 1e-300) if sigma is None else sigma**2
         times = gain / variance
         level = f_tail(times / x.shape[1], x.shape[1], freedom) if sigma is None else chi_square_tail(times, x.shape[1])
-        half = (freedom + x.shape[1]) / 2
-        likelihood = half * np.log(without / max(square, 1e-300)) if sigma is None else times / 2
+        likelihood = number / 2 * np.log(without / max(square, 1e-300)) if sigma is None else times / 2
         # the leading part of the logarithm where the number is too small
         log_level = float((np.log(level) if level > 0 else -likelihood) + np.log(len(terms)))
-        odds = float(np.exp(min(likelihood - x.shape[1] / 2 * np.log(2 * half), 700.0)))
+        evidence = likelihood if sigma is not None else _likelihood(square, number, sizes) - _likelihood(without, number, sizes)
+        odds = float(np.exp(min(evidence - x.shape[1] / 2 * np.log(number), 700.0)))
         inner = np.linalg.inv(upper)
         better = _left_out(left, share + np.sum(root**2, axis=1)) < _left_out(plain, share)
         found.append(Missing(name, coefficient, inner @ inner.T * variance, change, log_level, odds, better))
     return sorted(found, key=lambda one: one.log_level)
+
+
+def _likelihood(square: float, number: int, sizes: np.ndarray) -> float:
+    """Logarithm of the mean likelihood of residuals with this sum of squares: half for the first of the standard deviations.
+
+    A factor that all models share is left out. The others are evenly spaced in the logarithm: each multiple is equally probable.
+    """
+    each = -number * np.log(sizes) - square / 2 / sizes**2
+    each[0] += np.log(len(sizes) - 1)
+    return float(np.logaddexp.reduce(each))
 
 
 def _left_out(left: np.ndarray, share: np.ndarray) -> float:

@@ -150,12 +150,22 @@ def causes(bias: np.ndarray, vertical: np.ndarray, turns: Turns, scale: float) -
 
 
 class Joint(eqx.Module):
-    """A joint fit, its data, its residuals in physical units, and their standard deviations: norm (m/s^2), turn (rad), rest (rad/s)."""
+    """A joint fit, its data, and its residuals of three kinds: norm (m/s^2), turn (rad), rest (rad/s).
+
+    sigma : (3,) their standard deviations, in these units. least : (3,) share of it that the noise of the sensors alone explains.
+    """
 
     fit: Fit
     data: Weighted
     found: Pieces
     sigma: np.ndarray
+    least: np.ndarray
+
+    @property
+    def kinds(self) -> np.ndarray:
+        """Kind of each residual (0, 1, 2), without those of the heading."""
+        slots = len(self.found.norm)
+        return np.repeat([0, 1, 2], [slots, 2 * slots - 2, 3 * slots])[: len(self.fit.residuals)]
 
 
 def rest_start(rests: Rests, force: np.ndarray, with_force: bool, earth: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool]:
@@ -168,8 +178,11 @@ def rest_start(rests: Rests, force: np.ndarray, with_force: bool, earth: np.ndar
     return beta[0], beta[1:].T if with_force else np.zeros((3, 3)), bool(drifts)
 
 
-def _sized(data: Weighted, found: Pieces, rests: Rests, options: Options, model: Imu, paid: np.ndarray) -> tuple[Weighted, np.ndarray]:
-    """Set the standard deviations of the data by the size of the residuals; return the data and the mean sizes.
+def _sized(
+    data: Weighted, found: Pieces, rests: Rests, options: Options, model: Imu, paid: np.ndarray
+) -> tuple[Weighted, np.ndarray, np.ndarray]:
+    """Set the standard deviations of the data by the size of the residuals; return the data, the mean sizes, and what the noise
+    of the sensors alone explains of each.
 
     `paid` (5,) is the number of parameters fitted to the magnitudes, the turns, and each axis of the rests. No standard deviation is
     below the one that the noise coefficients give or, without them, the scatter within the rests.
@@ -185,22 +198,22 @@ def _sized(data: Weighted, found: Pieces, rests: Rests, options: Options, model:
     scatter = rests.gyro_variance()
     still = mean_variance(options.gyro_noise, rests)[:, None] * scale**2 if given[1] else scatter
     rest: Any = found.rest
-    still = still + np.array([excess(rest[:count, axis], still[:, axis], paid[2 + axis]) for axis in range(3)])
+    more = np.array([excess(rest[:count, axis], still[:, axis], paid[2 + axis]) for axis in range(3)])
 
     across = np.einsum("sij,si->sj", data.tangent, found.turned)[valid]
     # the stillest rest shows the noise of the sensor alone; the others include motion of the hand
     density = options.gyro_noise[0] ** 2 if given[1] else np.max(np.min(scatter * rests.duration[:, None], axis=0) / scale**2)
     white = density * turns.dt.sum(axis=1)[valid]
-    upright = np.concatenate([variance, np.zeros(rests.slots - count)]) / options.gravity**2
-    around = (upright[:-1] + upright[1:])[valid]
+    upright = np.stack([np.pad(one, (0, rests.slots - count)) for one in (base, variance)]) / options.gravity**2
+    least, around = (upright[:, :-1] + upright[:, 1:])[:, valid]
     # neighbouring turns share a pose, so a turn without an error of its own would make the covariance singular
     turn = np.maximum(white + excess(across, np.repeat((white + around)[:, None], 2, axis=1), paid[1]), 1e-3 * around)
     sigma = np.full(len(valid), np.inf)
     sigma[valid] = np.sqrt(turn)
-    sizes = np.sqrt([np.mean(variance), np.mean(turn + around), np.mean(still / scale**2)])
-    return dataclasses.replace(
-        data, poses=rests.poses(np.sqrt(variance), np.sqrt(still)), turns=dataclasses.replace(turns, sigma=sigma)
-    ), sizes
+    sizes = np.sqrt([np.mean(variance), np.mean(turn + around), np.mean((still + more) / scale**2)])
+    shares = np.sqrt([np.mean(base / variance), np.mean((white + least) / (turn + around)), np.mean(still / (still + more))])
+    poses = rests.poses(np.sqrt(variance), np.sqrt(still + more))
+    return dataclasses.replace(data, poses=poses, turns=dataclasses.replace(turns, sigma=sigma)), sizes, shares
 
 
 def refitted(start: Imu, data: Weighted, options: Options) -> Fit:
@@ -213,7 +226,7 @@ def joint_fit(start: Imu, data: Weighted, rests: Rests, options: Options, paid: 
 
     If `near`, the start is close to the solution: its residuals already show the sizes of the errors, and the first fit is skipped.
     """
-    found, sizes, slots, fit = pieces(start, data), np.zeros(3), rests.slots, None
+    found, sizes, slots, fit = pieces(start, data), (), rests.slots, None
     data = dataclasses.replace(data, tangent=found.tangent)
     per_axis = 1 + 3 * (options.g_sensitivity and options.held is None) + (start.drift is not None)
     traces, model = np.array([paid, 9, per_axis, per_axis, per_axis]), start
@@ -228,11 +241,11 @@ def joint_fit(start: Imu, data: Weighted, rests: Rests, options: Options, paid: 
             norm, turned, rest = np.split(np.asarray(leverage(fit))[: 6 * slots - 2], [slots, 3 * slots - 2])
             traces, model = np.array([norm.sum(), turned.sum(), *rest.reshape(-1, 3).sum(axis=0)]), fit.model
             found = pieces(model, data)
-        data, sizes = _sized(data, found, rests, options, model, traces)
+        data, *sizes = _sized(data, found, rests, options, model, traces)
         data = jax.tree.map(np.asarray, reweighted(model, data, found))
         fit = refitted(model, data, options)
     assert fit is not None
-    return Joint(fit, data, pieces(fit.model, data), sizes)
+    return Joint(fit, data, pieces(fit.model, data), *sizes)
 
 
 def left_out(joint: Joint) -> tuple[float, int]:

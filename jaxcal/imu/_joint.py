@@ -12,6 +12,7 @@ import scipy  # loads its parts when they are first used
 
 from .._answer import Finding, Quantity, wrong_ranges
 from .._arrays import padded
+from .._special import student_quantile
 from ..evidence._rests import Ends, Multiples
 from ..fitting import Estimate, Fit, covariance
 from ..fitting._missing import LEAST
@@ -21,7 +22,7 @@ from ._estimate import described, framed, placed, solved
 from ._findings import FINDINGS
 from ._fits import Joint, Options
 from ._lack import lacks
-from ._model import EARTH_RATE, FITTED_LEVEL, Imu, Triad, freed
+from ._model import EARTH_RATE, FITTED_LEVEL, Imu, Triad
 from ._nonlinear import Nonlinear
 from ._observability import ONE_ATTITUDE, Observability, observability
 from ._prior import known_of
@@ -29,8 +30,6 @@ from ._recording import Recording, Rests
 from ._residuals import Turns, Weighted, pieces
 from ._result import ImuFit, judged, quantities
 
-#: ratio of the noise of two rests above which motion of the hand is the cause; without it, the error of a bias is stated 13 % too large
-_UNEVEN = 10.0
 _FAR_OFF = 2 * FINDINGS["turns_disagree"].limits[0] ** 2  # mean square of a turn's residual from which the fit starts at another scale
 
 
@@ -171,8 +170,8 @@ class Job(eqx.Module):
             fit = solved(
                 begun.fit.model, data, options.convention, options.misalignment, loss=options.loss, rtol=None, priors=options.priors
             )
-            sizes = np.array([np.sqrt(np.mean(known + extra)), np.nan, np.nan])
-            return self.made(base, Joint(fit, data, pieces(fit.model, data), sizes), rests, notes, list)
+            sizes = np.sqrt([[np.mean(known + extra), np.nan, np.nan], [np.mean(known / (known + extra)), np.nan, np.nan]])
+            return self.made(base, Joint(fit, data, pieces(fit.model, data), *sizes), rests, notes, list)
         turns: Any = begun.turns
         start = dataclasses.replace(begun.start, accel=joint.fit.model.accel, gyro=joint.fit.model.gyro)
         found = self.joint(dataclasses.replace(begun, start=start), True, _fits.ROUNDS - 1)
@@ -193,7 +192,7 @@ class Job(eqx.Module):
         where = np.char.startswith(names, "gyro.g_sensitivity")
         if not where.any() or options.prior is not None or not _known_kind(fit.model) or not bool(fit.usable):
             return joint, options, None
-        matrix = np.asarray(covariance(fit, scaled=True)) * np.multiply.outer(*[_own_sizes(fit, fit.names, rests)] * 2)
+        matrix = _own_sizes(joint)[0]
         value, inner = np.asarray(fit.parameters)[where], matrix[np.ix_(where, where)]
         ratio = value @ np.linalg.solve(inner, value) / len(value)
         level = float(scipy.special.fdtrc(len(value), max(3 * (len(rests.accel) - 4), 1), ratio))
@@ -218,25 +217,22 @@ class Job(eqx.Module):
         """Make and judge the result of a fit, with or without a gyroscope; `lost` widens the covariance."""
         fit, found, slots, count, options = joint.fit, joint.found, rests.slots, len(rests.accel), self.options
         weight, gyro, drift = np.asarray(fit.weights), fit.model.gyro, np.zeros(3)
-        turned, rest, pairs, own = np.zeros((0, 3)), np.zeros((0, 3)), np.ones((0, 2)), 0
+        turned, rest, pairs = np.zeros((0, 3)), np.zeros((0, 3)), np.ones((0, 2))
         if gyro is not None and joint.data.turns is not None:
             valid = np.isfinite(joint.data.turns.sigma)
             turned, pairs = found.turned[valid], weight[slots : 3 * slots - 2].reshape(-1, 2)[valid]
             rest = found.rest[:count] @ np.linalg.inv(gyro.matrix).T
-            own = count_of(freed(Imu(None, gyro), options.convention, g_sensitivity=False)) - 3
             drift = drift if fit.model.drift is None else np.linalg.solve(gyro.matrix, fit.model.drift)
         made = described(fit, joint.data, options.convention)
-        still = 3 * (count - 1 - 3 * options.g_sensitivity) if len(turned) else 0
-        own_norms = float(np.sum(np.asarray(leverage(fit))[:slots]))  # less than the number of parameters: turns contribute, too
-        by_field = {"accel": count - own_norms, "gyro": 2 * len(turned) - own, "gyro.bias": still, "gyro.g_sensitivity": still}
         names = made.estimate.names
-        freedom = [max(by_field.get(name.partition("[")[0], by_field[name.partition(".")[0]]), 1.0) for name in names]
-        # with a prior the covariance is not rescaled by the residuals, because that would rescale the prior, too
-        own_size = _own_sizes(fit, names, rests) if options.prior is None else np.ones(len(names))
-        matrix = np.asarray(made.estimate.matrix) * own_size[:, None] * own_size[None, :]
+        matrix, known = _own_sizes(joint)
+        # one for each field: another frame mixes its entries
+        freedom = [min((known[one] for one in known if one.startswith(name.partition("[")[0])), default=np.inf) for name in names]
+        if options.prior is not None:  # not rescaled by the residuals, because that would rescale the prior, too
+            matrix = np.asarray(covariance(fit, scaled=True))
         missing = lacks(joint, rests, float(self.record.time[-1]) / 2) if _known_kind(fit.model) and bool(fit.usable) else []
-        for shift in [lack.spread for lack in missing if lack.finding or options.prior is None] + ([] if lost is None else [lost]):
-            matrix = matrix + np.asarray(framed(fit.model, options.convention, placed(fit.names, shift, names))[1][0])
+        matrix = matrix + sum(lack.spread for lack in missing if lack.finding or options.prior is None) + (0.0 if lost is None else lost)
+        matrix = np.asarray(framed(fit.model, options.convention, placed(fit.names, matrix, names))[1][0])
         for sensor, rate in (("gyro", fit.model.drift), ("accel", fit.model.accel_drift)):  # the bias may be that of any time of the record
             reach = {} if rate is None else {f"{sensor}.bias[{i}]": float(one) * self.record.time[-1] / 2 for i, one in enumerate(rate)}
             matrix = matrix + np.diag([reach.get(name, 0.0) ** 2 / 3 for name in names])
@@ -275,20 +271,25 @@ def _known_kind(model: Imu) -> bool:
     return all(type(sensor) in (Triad, Nonlinear, type(None)) for sensor in (model.accel, model.gyro))
 
 
-def _own_sizes(fit: Fit, names: tuple[str, ...], rests: Rests) -> np.ndarray:
-    """(p,) for each parameter, the standard deviation of the residuals that determine it, relative to that of all residuals.
+def _own_sizes(joint: Joint) -> tuple[np.ndarray, dict[str, float]]:
+    """Covariance of the parameters, and the degrees of freedom of each variance, if each kind of residual has a size of its own.
 
-    Magnitudes determine the accelerometer, turns the gyroscope's matrix, and rates at rest its bias and g-sensitivity.
+    A size comes from the residuals of its kind, and is never so small that an interval is narrower than the noise of the sensors alone
+    allows. A variance is the sum of what each kind contributes; its degrees of freedom are those of Satterthwaite.
     """
-    slots, density = rests.slots, rests.gyro_variance() * rests.duration[:, None]
-    kind = np.repeat([0, 1, 2], [slots, 2 * slots - 2, 3 * slots])[: len(fit.residuals)]
-    own = np.arange(len(fit.residuals)) < len(kind)  # without the residuals of the heading
-    square, share = (np.asarray(part)[own] for part in ((fit.weights * fit.residuals) ** 2, fit.counted - leverage(fit)))
+    fit, kind = joint.fit, joint.kinds
+    square, share, jacobian = (
+        np.asarray(part)[: len(kind)] for part in ((fit.weights * fit.residuals) ** 2, fit.counted - leverage(fit), fit.jacobian)
+    )
     size, freedom = (np.bincount(kind, part, 3) for part in (square, share))
-    ratio = np.sqrt(size / np.maximum(freedom, 1) / np.asarray(fit.mean_curvature) ** 2 / np.asarray(fit.variance))
-    # in a hand, rates oscillate and their means scatter less than their noise suggests; this must not make a rest on a table, which
-    # determines the bias, look more certain than it is
-    uneven = np.any(density.max(axis=0) > _UNEVEN * density.min(axis=0))
-    ratio = np.where(freedom < 1, 1.0, np.maximum(ratio, np.array([0.0, 0.0, float(uneven) / float(np.sqrt(np.asarray(fit.variance)))])))
-    place = [0 if name.startswith("accel") else 2 if name.startswith(("gyro.bias", "gyro.g_sens")) else 1 for name in names]
-    return ratio[place]
+    size = np.where(freedom < 1, 1.0, size / np.maximum(freedom, 1) / np.asarray(fit.mean_curvature) ** 2)
+    freedom = np.maximum(freedom, 1)
+    least = np.nan_to_num(joint.least) * student_quantile(np.inf, 0.975) / student_quantile(freedom, 0.975)
+    matrix = np.asarray(covariance(fit, scaled=True))
+    effect = (jacobian @ np.where(np.isfinite(matrix), matrix, 0.0)) ** 2
+    each = np.stack([effect[kind == i].sum(axis=0) for i in range(3)])
+    each = each / np.maximum(each.sum(axis=0), 1e-300) * np.maximum(size, least**2)[:, None]
+    total = each.sum(axis=0)
+    own = np.sqrt(total / np.asarray(fit.variance))
+    known = total**2 / np.maximum(np.sum(each**2 / freedom[:, None], axis=0), 1e-300)
+    return matrix * np.multiply.outer(own, own), dict(zip(fit.names, known, strict=True))

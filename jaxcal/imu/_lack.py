@@ -27,7 +27,6 @@ _WORDS = {"quadratic": "a quadratic term", "cubic": "a cubic term", "asymmetry":
           "creep": "a creep of 15 s"}  # fmt: skip
 _IN_TIME = ("drift", "warm_up", "curve")
 _KINDS = 4  # kinds of residuals in which terms are looked for: together they have one false alarm in a thousand recordings
-_PLAIN = 10  # times as probable as all terms together is a model without them; with 1 the errors of plain recordings grow by up to 12 %
 _NUDGE = 1e-3  # step of the finite difference, relative to the full term
 
 
@@ -53,21 +52,21 @@ def lacks(joint: Joint, rests: Rests, middle: float) -> list[Lack]:
     fit, slots, count = joint.fit, len(joint.found.norm), len(rests.accel)
     names, root = np.array(fit.names), np.sqrt(np.asarray(fit.weights))
     rows, slope = root * np.asarray(fit.residuals), root[:, None] * np.asarray(fit.jacobian)
-    turns, found = joint.data.turns, []
+    turns, found, valid = joint.data.turns, [], np.any(slope != 0, axis=1)
 
-    def judged(
-        sensor: str, what: str, own: np.ndarray, y: np.ndarray, columns: np.ndarray, terms: dict[str, np.ndarray], at: float
-    ) -> None:
-        """Test the terms (n, q) on one kind of residual, together with the parameters `own` that these residuals determine.
+    def judged(sensor: str, what: str, own: np.ndarray, part: slice, terms: dict[str, np.ndarray], at: float) -> None:
+        """Test the terms (n, q) on some residuals, together with the parameters `own` that these residuals determine.
 
-        The best one is found if it is significant. Otherwise each counts with its probability, for which the model as it is has ten times
-        the weight of all terms together.
+        The best one is found if it is significant. Otherwise each counts with its probability. Before the residuals are seen, the model as
+        it is is as probable as all terms together, and terms of time, of the past and of size are equally probable.
         """
-        tried = missing(y, columns * own, terms)
+        # the noise of the sensors alone is known: what exceeds it is a term, or an error of each pose and turn
+        least = np.sqrt(np.mean(joint.least[joint.kinds[part]][valid[part]] ** 2))
+        tried = missing(rows[part], slope[part] * own, terms, least=least)
         for best in tried[:1]:
             if not best.shown or _KINDS * best.level > LEVEL:
-                # evidence against a term is no evidence: a plain recording pays nothing
-                odds = np.array([max(one.odds - 1, 0.0) for one in tried]) / (_PLAIN * len(tried))
+                groups = [_group(one.name) for one in tried]
+                odds = np.array([one.odds / 3 / groups.count(group) for one, group in zip(tried, groups, strict=True)])
                 shifts = np.array([one.shift for one in tried])
                 found.append(Lack(np.einsum("k,ki,kj->ij", odds / (1 + odds.sum()), shifts, shifts)))
                 continue
@@ -105,22 +104,27 @@ def lacks(joint: Joint, rests: Rests, middle: float) -> list[Lack]:
             terms = {name: root[part, None] * x for name, x in terms.items()}
             # one size for all axes, which has more power
             terms |= {name: terms[name].sum(axis=1, keepdims=True) for name in rests.past}
-            judged("accel", what, kept, rows[part], slope[part], terms, STANDARD_GRAVITY)
+            judged("accel", what, kept, part, terms, STANDARD_GRAVITY)
     if turns is None:
         return found + _scattered(joint, rests, count - int(np.sum(own)), left)
     scale = np.abs(np.diag(np.asarray(fit.model.gyro.matrix)))
     fast = float(np.quantile(np.abs(turns.gyro - np.asarray(fit.model.gyro.bias)) / scale, 0.999))
     part = slice(slots, 3 * slots - 2)
     terms = {name: root[part, None] * x for name, x in _turn_terms(joint, fast).items()}
-    judged("gyro", "turns", np.char.startswith(names, "gyro.matrix"), rows[part], slope[part], terms, fast)
+    judged("gyro", "turns", np.char.startswith(names, "gyro.matrix"), part, terms, fast)
     part, weight = slice(3 * slots - 2, 6 * slots - 2), 1 / np.asarray(joint.data.poses.gyro_sigma)
     terms = {
         name: root[part, None] * (weight[:, :, None] * (np.eye(3) * shape[:, None, :])).reshape(-1, 3) * scale
         for name, shape in shapes.items() if name == "curve" or "@" in name
     }  # fmt: skip
     own = np.char.startswith(names, "gyro.bias") | np.char.startswith(names, "gyro.g_sens") | np.char.startswith(names, "drift")
-    judged("gyro", "rates at rest", own, rows[part], slope[part], terms, fast)
+    judged("gyro", "rates at rest", own, part, terms, fast)
     return found
+
+
+def _group(name: str) -> str:
+    """What a term depends on: time, the past, or the size of the force or rate."""
+    return "time" if name in _IN_TIME or "@" in name else "past" if name in ("creep", "hysteresis") else "size"
 
 
 def _scattered(joint: Joint, rests: Rests, freedom: int, left: int) -> list[Lack]:
