@@ -82,12 +82,7 @@ class Level(Result):
 
 @host_float64
 def level(
-    readings: Readings,
-    *,
-    method: str = "four_point_x",
-    gravity: Real = GRAVITY,
-    hint: Real | None = None,
-    both_z: bool = False,
+    readings: Readings, *, method: str = "four_point_x", gravity: Real = GRAVITY, hint: Real | None = None, both_z: bool = False
 ) -> Level:
     r"""Compute roll and pitch of a table at rest from the readings of one accelerometer.
 

@@ -134,45 +134,36 @@ def plan(
     slope, words = table_from_nav(phi, theta, psi + np.pi / 2)[:, 0], tuple(mountings)
     tau = float(np.arctan2(slope[1], slope[0]))  # the angle at which a reading is most sensitive to the azimuth
     chosen = free_of(free, priors, Positions(np.zeros(len(words)), words), latitude, (True, True), NAMES)
-    return _searched(_Design(words, tuple(name in chosen for name in NAMES), float(total_time), bound), tau, seed)
+    return _searched(words, tuple(name in chosen for name in NAMES), float(total_time), bound, tau, seed)
 
 
-class _Design(eqx.Module):
-    """The bound of the azimuth as a function of table angles and shares of the time, for one list of mountings.
+def _searched(words: tuple[str, ...], free: tuple[bool, ...], total: float, bound: Any, tau: float, seed: int) -> Plan:
+    """Find the best angles and shares of the time for one list of mountings.
 
-    words : mountings. free : flags of the estimated parameters. total : s. bound : further data for the bound: models (k,), noise,
-    certainty of the priors, gravity.
+    `free` flags the estimated parameters. `bound` has further data: models (k,), noise, certainty of the priors, gravity. `tau` is the
+    best angle of a pair.
     """
+    count, places = len(words), padded(Positions(np.zeros(len(words)), words))
+    if not total > 0:
+        raise DataError(f"The time is {total:g} s; it is positive.", code="too_short")
 
-    words: tuple[str, ...]
-    free: tuple[bool, ...]
-    total: float
-    bound: Any
-
-    def objective(self, p: np.ndarray) -> tuple[float, np.ndarray]:
+    def objective(p: np.ndarray) -> tuple[float, np.ndarray]:
         """Logarithm of the criterion, and its gradient with respect to angles and logarithms of shares."""
-        places = padded(Positions(np.zeros(len(self.words)), self.words))
-        value, slope = _gradient(jnp.asarray(p), places, jnp.asarray(self.total), self.free, *self.bound)
+        value, slope = _gradient(jnp.asarray(p), places, jnp.asarray(total), free, *bound)
         return float(value), np.asarray(slope)
 
-
-def _searched(design: _Design, tau: float, seed: int) -> Plan:
-    """Find the best plan for one list of mountings; `tau` is the best angle of a pair."""
-    count = len(design.words)
-    if not design.total > 0:
-        raise DataError(f"The time is {design.total:g} s; it is positive.", code="too_short")
-    starts = _starts(design.words, tau, seed)
+    starts = _starts(words, tau, seed)
     best, value = starts[0], np.log(np.pi * 1e3)  # more than any azimuth: not determined
     for angles, shares in starts:
         start = np.concatenate([angles, np.log(shares)])
         options = {"maxiter": 400, "ftol": 1e-12, "gtol": 1e-7}
-        found = scipy.optimize.minimize(design.objective, start, jac=True, method="L-BFGS-B", options=options)
+        found = scipy.optimize.minimize(objective, start, jac=True, method="L-BFGS-B", options=options)
         if np.isfinite(found.fun) and found.fun < value:
             best, value = (found.x[:count], scipy.special.softmax(found.x[count:])), found.fun
     if best is starts[0]:
         raise DataError("These mountings do not determine every free parameter; add positions or priors.", code="undetermined")
-    positions = Positions(np.mod(best[0], 2 * np.pi), design.words, design.total * _at_least(best[1]))
-    stds = np.sqrt(np.asarray(_variances(padded(positions), len(positions), design.free, *design.bound)))
+    positions = Positions(np.mod(best[0], 2 * np.pi), words, total * _at_least(best[1]))
+    stds = np.sqrt(np.asarray(_variances(padded(positions), len(positions), free, *bound)))
     return Plan(positions, stds, float(np.exp(value)))
 
 

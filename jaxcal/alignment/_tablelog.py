@@ -217,7 +217,7 @@ def _moves(samples: dict[str, np.ndarray], start: np.ndarray, stop: np.ndarray, 
 
 def _angles(
     samples: dict[str, np.ndarray], recorded: np.ndarray | None, given: Any, turns: np.ndarray | None, start: np.ndarray,
-    stop: np.ndarray, rate: float, scale: float, angle_std: Any, notes: list[Finding],
+    stop: np.ndarray, rate: float, scale: float, angle_std: Any, notes: list[Finding]
 ) -> tuple[np.ndarray, np.ndarray | None]:  # fmt: skip
     """Table angle of each rest, and the covariance of the angle errors, if it is known."""
     count = len(start)
@@ -264,7 +264,7 @@ def _white(x: np.ndarray, rate: float) -> np.ndarray:
 
 def _gathered(
     samples: dict[str, np.ndarray], start: np.ndarray, stop: np.ndarray, time: np.ndarray, rate: float, angle: np.ndarray,
-    spread: np.ndarray | None, frame: np.ndarray, told: dict[str, Any], notes: list[Finding],
+    spread: np.ndarray | None, frame: np.ndarray, told: dict[str, Any], notes: list[Finding]
 ) -> TableLog:  # fmt: skip
     """Collect the means of every rest and axis as readings, with the model, its free parameters and priors."""
     words = ("x", "y", "fixed z") if _three(samples) else ("x",)
