@@ -31,19 +31,10 @@ def given_noise(noise: Any, name: str) -> Any:
 
 @host_float64
 def crlb(
-    positions: Positions | Numbers,
-    attitude: Numbers,
-    latitude: Real,
-    *,
-    accel_noise: NoiseLike,
-    gyro_noise: NoiseLike,
-    free: Iterable[str] | None = None,
-    priors: dict[str, Any] | None = None,
-    accel: Sensor = IDEAL,
-    gyro: Sensor = IDEAL,
-    lever_arm: Real = 0.0,
-    gravity: Real = GRAVITY,
-) -> Bound:
+    positions: Positions | Numbers, attitude: Numbers, latitude: Real, *, accel_noise: NoiseLike, gyro_noise: NoiseLike,
+    free: Iterable[str] | None = None, priors: dict[str, Any] | None = None, accel: Sensor = IDEAL, gyro: Sensor = IDEAL,
+    lever_arm: Real = 0.0, gravity: Real = GRAVITY
+) -> Bound:  # fmt: skip
     r"""Compute the Cramer-Rao bound of the joint fit, :math:`(J^T J)^{-1}` of the whitened Jacobian with the priors.
 
     Parameters

@@ -36,18 +36,10 @@ _FEWEST = 0.5
 
 @host_float64
 def fit(
-    readings: Readings,
-    latitude: Real | None = None,
-    *,
-    free: Iterable[str] | None = None,
-    priors: dict[str, Any] | None = None,
-    start: dict[str, Any] | None = None,
-    model: Turntable | None = None,
-    hint: Real | None = None,
-    hemisphere: str | None = None,
-    gravity: Real = GRAVITY,
-    noise: NoiseLike | None = None,
-) -> AlignmentFit:
+    readings: Readings, latitude: Real | None = None, *, free: Iterable[str] | None = None, priors: dict[str, Any] | None = None,
+    start: dict[str, Any] | None = None, model: Turntable | None = None, hint: Real | None = None, hemisphere: str | None = None,
+    gravity: Real = GRAVITY, noise: NoiseLike | None = None
+) -> AlignmentFit:  # fmt: skip
     r"""Fit roll, pitch, azimuth, sensor errors and, optionally, latitude by joint nonlinear least squares.
 
     .. math:: \min\ (a - \hat a)^T C_a^{-1} (a - \hat a) + (w - \hat w)^T C_g^{-1} (w - \hat w)

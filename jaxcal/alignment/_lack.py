@@ -62,7 +62,8 @@ def checked(
             size, change = Quantity(float(np.ptp(added[1])), "B.gyro"), Quantity(abs(float(wrap(change[2]))), "angle")
             said.insert(0, FINDINGS("drift", sensor, size=size, change=change))
             # the form of the drift stays open where it explains too little, and where there are too few readings to see that
-            if look.left() < np.log(LEVEL) or "power 2" not in look.terms[sensor]:
+            rows = look.rows(look.values)
+            if _log_tail(rows, float(np.count_nonzero(rows) - len(look.free))) < np.log(LEVEL) or "power 2" not in look.terms[sensor]:
                 said.insert(0, FINDINGS("drift_open", sensor))
                 states["psi"] = "open"
     begin = {found.names[i]: look.values[i] for i in look.free}
@@ -110,7 +111,7 @@ class _Look:
         accel, gyro = (long(one, self.data.accel.size) for one in effect)
         return dataclasses.replace(self.data, accel=self.data.accel - accel, gyro=self.data.gyro - gyro)
 
-    def _rows(self, values: np.ndarray, data: Table | None = None) -> np.ndarray:
+    def rows(self, values: np.ndarray, data: Table | None = None) -> np.ndarray:
         """Whitened residuals at these parameters."""
         return np.asarray(residuals(with_values(self.model, values), self.data if data is None else data))
 
@@ -121,7 +122,7 @@ class _Look:
         """
         terms, best = self.terms[sensor], None
         for _ in range(_PASSES):
-            rows, slope = self._rows(self.values), self._slope()
+            rows, slope = self.rows(self.values), self._slope()
             made = {name: self._moved(effect, rows) for name, effect in terms.items()}
             tried = [one for one in missing(rows, slope, made, 1.0) if np.all(np.isfinite(one.covariance))]
             none = max(0.0, np.log(LEVEL / max(len(terms), 1)) - scattered)
@@ -142,15 +143,15 @@ class _Look:
     def _slope(self) -> np.ndarray:
         """Derivative of the whitened residuals by the free parameters."""
         steps = np.diag(SMALL * self.sizes)[self.free]
-        return np.stack([(self._rows(self.values + h) - self._rows(self.values - h)) / (2 * h.max()) for h in steps], axis=1)
+        return np.stack([(self.rows(self.values + h) - self.rows(self.values - h)) / (2 * h.max()) for h in steps], axis=1)
 
     def _moved(self, effect: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """Change of the whitened residuals by effects (2, n, q), (rows, q)."""
-        return np.stack([self._rows(self.values, self._less(-one)) - rows for one in np.moveaxis(effect, 2, 0)], axis=1)
+        return np.stack([self.rows(self.values, self._less(-one)) - rows for one in np.moveaxis(effect, 2, 0)], axis=1)
 
     def angles(self) -> np.ndarray:
         """(p, p) what errors of the table's angles add to the covariance, by what the residuals leave possible."""
-        rows, slope = self._rows(self.values), self._slope()
+        rows, slope = self.rows(self.values), self._slope()
         made = self._moved(self.turned, rows)
         change, basis = np.zeros((len(self.values), self.rests)), np.linalg.qr(slope)[0]
         change[self.free] = np.linalg.lstsq(slope, made)[0]
@@ -159,11 +160,6 @@ class _Look:
         likely = -np.sum(np.log(larger) + (shapes.T @ rows) ** 2 / larger, axis=1) / 2
         share = np.exp(likely - likely.max())
         return share @ _ENCODER**2 / share.sum() * change @ change.T
-
-    def left(self) -> float:
-        """Logarithm of the probability of larger residuals."""
-        rows = self._rows(self.values)
-        return _log_tail(rows, float(np.count_nonzero(rows) - len(self.free)))
 
 
 def _log_tail(rows: np.ndarray, freedom: float) -> float:

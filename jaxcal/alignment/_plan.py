@@ -63,18 +63,10 @@ class Plan(Result):
 
 @host_float64
 def plan(
-    total_time: Real,
-    latitude: Real,
-    *,
-    attitude: Numbers = (0.0, 0.0, 0.0),
-    accel_noise: NoiseLike,
-    gyro_noise: NoiseLike,
-    mountings: Sequence[str] = ("x",) * 6,
-    free: Iterable[str] | None = None,
-    priors: dict[str, Any] | None = None,
-    gravity: Real = GRAVITY,
-    seed: int = 0,
-) -> Plan:
+    total_time: Real, latitude: Real, *, attitude: Numbers = (0.0, 0.0, 0.0), accel_noise: NoiseLike, gyro_noise: NoiseLike,
+    mountings: Sequence[str] = ("x",) * 6, free: Iterable[str] | None = None, priors: dict[str, Any] | None = None,
+    gravity: Real = GRAVITY, seed: int = 0
+) -> Plan:  # fmt: skip
     r"""Choose table angles and dwells that minimise the bound of the azimuth for a given total time.
 
     .. math:: \min_{\tau, z} \log\sigma_\psi(\tau, T),\qquad T_k = T\,\mathrm{softmax}(z)_k
@@ -152,10 +144,16 @@ def _searched(words: tuple[str, ...], free: tuple[bool, ...], total: float, boun
         value, slope = _gradient(jnp.asarray(p), places, jnp.asarray(total), free, *bound)
         return float(value), np.asarray(slope)
 
-    starts = _starts(words, tau, seed)
+    # near uniform angles from tau on for every mounting; at exactly uniform ones the gradient may vanish
+    rng, angles = np.random.default_rng(seed), np.zeros(count)
+    for word in set(words):
+        here = [i for i, other in enumerate(words) if other == word]
+        angles[here] = tau + 2 * np.pi * np.arange(len(here)) / len(here)
+    nudges = _NUDGE * rng.normal(size=(_STARTS, 2, count))
+    starts = [(angles + nudge, scipy.special.softmax(share)) for nudge, share in nudges]
     best, value = starts[0], np.log(np.pi * 1e3)  # more than any azimuth: not determined
-    for angles, shares in starts:
-        start = np.concatenate([angles, np.log(shares)])
+    for first in starts:
+        start = np.concatenate([first[0], np.log(first[1])])
         options = {"maxiter": 400, "ftol": 1e-12, "gtol": 1e-7}
         found = scipy.optimize.minimize(objective, start, jac=True, method="L-BFGS-B", options=options)
         if np.isfinite(found.fun) and found.fun < value:
@@ -170,16 +168,6 @@ def _searched(words: tuple[str, ...], free: tuple[bool, ...], total: float, boun
 def _at_least(share: Any) -> Any:
     """Shares of the time, none of them zero."""
     return SMALL / share.size + (1 - SMALL) * share
-
-
-def _starts(words: tuple[str, ...], tau: float, seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Starts near uniform angles from tau on for every mounting; exactly uniform ones are avoided, where the gradient may vanish."""
-    rng, angles = np.random.default_rng(seed), np.zeros(len(words))
-    for word in set(words):
-        here = [i for i, other in enumerate(words) if other == word]
-        angles[here] = tau + 2 * np.pi * np.arange(len(here)) / len(here)
-    nudges = _NUDGE * rng.normal(size=(_STARTS, 2, angles.size))
-    return [(angles + nudge, scipy.special.softmax(share)) for nudge, share in nudges]
 
 
 @filter_jit

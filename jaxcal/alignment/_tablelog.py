@@ -74,16 +74,9 @@ class TableLog(eqx.Module):
 
 @host_float64
 def from_log(
-    log: LogLike,
-    *,
-    angle: Numbers | None = None,
-    angles: Numbers | None = None,
-    noise: NoiseLike | None = None,
-    axis: str = "x",
-    angle_std: Numbers | None = None,
-    gyro_scale: float | int = 1e-3,
-    least: float | int = 5.0,
-) -> TableLog:
+    log: LogLike, *, angle: Numbers | None = None, angles: Numbers | None = None, noise: NoiseLike | None = None, axis: str = "x",
+    angle_std: Numbers | None = None, gyro_scale: float | int = 1e-3, least: float | int = 5.0
+) -> TableLog:  # fmt: skip
     r"""Find the rests of a turntable in its raw log, and average the readings of each rest.
 
     A rest is a time in which the sensors' variance stays low and the table angle does not change. The angle of a rest comes from the log,
@@ -217,7 +210,7 @@ def _moves(samples: dict[str, np.ndarray], start: np.ndarray, stop: np.ndarray, 
 
 def _angles(
     samples: dict[str, np.ndarray], recorded: np.ndarray | None, given: Any, turns: np.ndarray | None, start: np.ndarray,
-    stop: np.ndarray, rate: float, scale: float, angle_std: Any, notes: list[Finding]
+    stop: np.ndarray, rate: float, scale: float, angle_std: Any, notes: list[Finding],
 ) -> tuple[np.ndarray, np.ndarray | None]:  # fmt: skip
     """Table angle of each rest, and the covariance of the angle errors, if it is known."""
     count = len(start)
@@ -264,7 +257,7 @@ def _white(x: np.ndarray, rate: float) -> np.ndarray:
 
 def _gathered(
     samples: dict[str, np.ndarray], start: np.ndarray, stop: np.ndarray, time: np.ndarray, rate: float, angle: np.ndarray,
-    spread: np.ndarray | None, frame: np.ndarray, told: dict[str, Any], notes: list[Finding]
+    spread: np.ndarray | None, frame: np.ndarray, told: dict[str, Any], notes: list[Finding],
 ) -> TableLog:  # fmt: skip
     """Collect the means of every rest and axis as readings, with the model, its free parameters and priors."""
     words = ("x", "y", "fixed z") if _three(samples) else ("x",)

@@ -82,17 +82,17 @@ def coefficients(noise: Any, sensor: str) -> tuple[float, float, float]:
     def part(whole: Any, name: str) -> Any:
         return whole.get(name) if isinstance(whole, Mapping) else getattr(whole, name, None)
 
-    held = part(noise, "noise") if part(noise, "noise") is not None else noise
-    axes = [one for axis in "xyz" if (one := part(held, f"{sensor}_{axis}")) is not None]
+    held = noise if part(noise, "noise") is None else part(noise, "noise")
     if not (held is None or isinstance(held, Mapping) or hasattr(held, sensor)):
         raise DataError('noise must be {"accel": ..., "gyro": ...} with a Noise, or a dictionary of N and B, for each sensor', code="noise")
+    axes = [one for axis in "xyz" if (one := part(held, f"{sensor}_{axis}")) is not None] or [part(held, sensor)]
+    # the fit of an axis has the coefficients in its attribute `noise`
+    axes = [one if part(one, "noise") is None else part(one, "noise") for one in axes]
     sizes = []
     for term in ("N", "B", "K"):
-        # the fit of an axis has the coefficients in its attribute `noise`
-        found = [part(part(one, "noise") if part(one, "noise") is not None else one, term) for one in axes or [part(held, sensor)]]
-        values = np.array([np.max(np.nan_to_num(np.asarray(value, dtype=float))) for value in found if value is not None])
-        sizes.append(float(values.max(initial=0.0)))
-        if not (np.isfinite(sizes[-1]) and np.all(values >= 0)):
+        found = [np.max(np.nan_to_num(np.asarray(value, dtype=float))) for one in axes if (value := part(one, term)) is not None]
+        sizes.append(float(max(found, default=0.0)))
+        if not (np.isfinite(sizes[-1]) and min(found, default=0.0) >= 0):
             raise DataError(f"noise of {sensor}: {term} is {found!r}; expected a number that is not negative", code="noise")
     return sizes[0], sizes[1], sizes[2]
 
@@ -197,8 +197,7 @@ def _sized(
     scale = np.abs(np.diag(gyro.matrix))
     scatter = rests.gyro_variance()
     still = mean_variance(options.gyro_noise, rests)[:, None] * scale**2 if given[1] else scatter
-    rest: Any = found.rest
-    more = np.array([excess(rest[:count, axis], still[:, axis], paid[2 + axis]) for axis in range(3)])
+    more = np.array([excess(np.asarray(found.rest)[:count, axis], still[:, axis], paid[2 + axis]) for axis in range(3)])
 
     across = np.einsum("sij,si->sj", data.tangent, found.turned)[valid]
     # the stillest rest shows the noise of the sensor alone; the others include motion of the hand

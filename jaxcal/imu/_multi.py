@@ -5,7 +5,6 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from .._answer import Finding
 from .._arrays import power_of_two
 from .._errors import DataError
 from .._log import LogLike
@@ -103,7 +102,7 @@ def multi_position(
     record = _recording.recording(log)
     base = ImuFit(record.rate, options.gravity, record.temperature, convention, "joint", assumed)
     if not raw and (wrong := _recording.wrong_units(record.accel, options.gravity)):
-        return _with_finding(base, wrong)
+        return dataclasses.replace(base, findings=(*base.findings, wrong))
     start = started(None if isinstance(model, str) else model, record.gyro is not None, latitude is not None)
     if rests is None:
         tried = Variances(record.sensors, record.rate).tried()
@@ -126,14 +125,11 @@ def _fitted(
     needed = max(count_of(freed(Imu(start.accel), options.convention, options.misalignment)) - known_of(options.prior), 1)
     usable = {pair: ends for pair, ends in tried.items() if len(ends[0]) >= needed}
     if not usable:
-        return _with_finding(base, FINDINGS("few_rests", count=max(len(ends[0]) for ends in tried.values()), needed=needed))
+        few = FINDINGS("few_rests", count=max(len(ends[0]) for ends in tried.values()), needed=needed)
+        return dataclasses.replace(base, findings=(*base.findings, few))
     count, error, fits = _norm_fits(record, usable, start.accel, options, raw)
     pair, begun, joint = (job := Job(record, start, needed, options, raw)).best(count, error, usable, fits)
     return job.result(dataclasses.replace(base, still=StillIntervals(*usable[pair], *pair)), begun, joint, held_out)
-
-
-def _with_finding(base: ImuFit, new: Finding) -> ImuFit:
-    return dataclasses.replace(base, findings=(*base.findings, new))
 
 
 def _norm_fits(

@@ -18,7 +18,7 @@ class ScaleFigures(eqx.Module):
 
     Attributes
     ----------
-    scale, offset : least-squares line: reading per input, and reading at zero input.
+    scale : slope of the least-squares line, reading per input.
     nonlinearity : largest deviation of the mean at any input from the line, relative to the output at the largest input.
     nonlinearity_noise : nonlinearity that noise alone exceeds in one of twenty tests.
     asymmetry : scale for positive inputs minus that for negative inputs, relative to their mean.
@@ -26,7 +26,6 @@ class ScaleFigures(eqx.Module):
     repeatability : standard deviation of the reading when an input is set again, relative to the output at the largest input.
     hysteresis : largest difference at one input between approach from below and from above, relative to the output at the largest input.
     hysteresis_noise : hysteresis that noise alone exceeds in one of twenty tests.
-    residual : (m,) reading minus the line, relative to the output at the largest input, ppm.
 
     Examples
     --------
@@ -39,7 +38,6 @@ class ScaleFigures(eqx.Module):
     """
 
     scale: float
-    offset: float
     nonlinearity: float
     nonlinearity_noise: float
     asymmetry: float
@@ -47,7 +45,6 @@ class ScaleFigures(eqx.Module):
     repeatability: float
     hysteresis: float
     hysteresis_noise: float
-    residual: AnyArray
 
     @property
     def headline(self) -> str:
@@ -124,10 +121,8 @@ def scale_figures(inputs: Any, readings: Any, sigma: Any = None) -> ScaleFigures
     hysteresis, least = _hysteresis(x, left, which, error, freedom)
     over = 1e6 / abs(full)  # ppm
     noise = _reach(freedom, len(levels) - 2) * float(open_.max())
-    return ScaleFigures(
-        float(scale), float(offset), float(curved.max() * over), noise * over, asymmetry, interval, float(spread * over),
-        hysteresis * over, least * over, left * over,
-    )  # fmt: skip
+    sizes = float(curved.max() * over), noise * over, asymmetry, interval, float(spread * over), hysteresis * over, least * over
+    return ScaleFigures(float(scale), *sizes)
 
 
 def _asymmetry(x: np.ndarray, y: np.ndarray, error: float, freedom: float) -> tuple[float, np.ndarray]:
