@@ -27,3 +27,15 @@ def test_a_term_is_seldom_seen_where_none_is_and_found_where_one_is(sigma):
     refit = np.linalg.lstsq(np.concatenate([LINE, TERMS["drift"]], axis=1), y)[0]
     np.testing.assert_allclose(np.linalg.lstsq(LINE, y)[0] + best.shift, refit[:2], atol=1e-12)
     np.testing.assert_allclose(best.coefficient, refit[2:], atol=1e-12)
+
+
+def test_the_noise_of_the_sensor_shows_a_term_that_few_readings_hide():
+    """Seven readings with a term: beside their known noise it is over twice as probable as beside their own scatter."""
+    few = np.s_[::6]
+    rng, term = np.random.default_rng(1), {"drift": TERMS["drift"][few]}
+    noise = 0.1 * rng.normal(size=(300, 7))
+    odds = [[[missing(y, -LINE[few], term, least=least)[0].odds for least in (0.0, 0.1)] for y in noise + size * term["drift"][:, 0]]
+            for size in (0.0, 0.8)]  # fmt: skip
+    (none, known), (scattered, shown) = np.median(odds, axis=1)
+    assert known < none < 1
+    assert shown > 2 * scattered

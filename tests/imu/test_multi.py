@@ -66,6 +66,12 @@ def test_a_good_record_is_called_good_and_says_how_good(found):
     assert found.observability.condition < 12
 
 
+def test_small_residuals_do_not_make_intervals_narrower_than_the_noise_does(found):
+    quiet = fit(cases.recording(0, noise={sensor: size / 10 for sensor, size in NOISE.items()}), noise=KNOWN)
+    known = found.estimate.error[:21] > 0
+    assert np.all(quiet.estimate.error[:21][known] > 0.75 * found.estimate.error[:21][known])
+
+
 def gyro_known_to(found, error):
     """The estimate with another largest relative standard error of the gyroscope's matrix."""
     known = found.estimate
