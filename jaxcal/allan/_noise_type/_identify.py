@@ -113,8 +113,8 @@ def _planned(held: bytes, samples: int, kind: Kind, data: str) -> _Plan:
     return _Plan(spans, Segments(points), decided, Segments(points[:decided]), Segments(points[decided:]))
 
 
-def identify(theta, missing, m: np.ndarray, kind: Kind, samples: int, data: str):
-    """Noise types at the cluster sizes m, (clusters,); the series of all cluster sizes are joined end to end in one array.
+def identify(theta, missing, sizes: np.ndarray, kind: Kind, samples: int, data: str):
+    """Noise types at ascending cluster sizes, (clusters,); the series of all cluster sizes are joined end to end in one array.
 
     Parameters
     ----------
@@ -122,12 +122,10 @@ def identify(theta, missing, m: np.ndarray, kind: Kind, samples: int, data: str)
     missing : (points,) running number of missing samples ("rate"), or 1 at missing points ("phase"); None without gaps.
     kind : the statistic; it limits how often the series may be differenced, and the range of alpha.
     """
-    order = np.argsort(m, kind="stable")
-    sizes, back = m[order], np.argsort(order, kind="stable")
     spans, series, decided, long, few = _planned(sizes.tobytes(), samples, kind, data)
     told, beyond = len(spans), long.lengths.sum()
     if not told:  # a record that is too short tells nothing
-        return np.zeros(len(m), dtype=theta.dtype)
+        return np.zeros(len(sizes), dtype=theta.dtype)
     taken, weight, enough = [theta[span] for span in spans], None, None
     if missing is None and data == "rate":
         averages, alpha = _from_moments(taken, series, long, kind)
@@ -154,7 +152,7 @@ def identify(theta, missing, m: np.ndarray, kind: Kind, samples: int, data: str)
         bounds = bounds_of_ratios(averages[beyond:], weight, few.shorter, sizes[decided:told], kind, samples)
         low, high = (np.concatenate(pair) for pair in zip((low, high), bounds, strict=True))
     found = carried_on(low, high, 0.0)
-    return found[np.minimum(back, told - 1)]
+    return found[np.minimum(np.arange(len(sizes)), told - 1)]
 
 
 def _from_moments(taken: list[np.ndarray], series: Segments, long: Segments, kind: Kind) -> tuple[np.ndarray, np.ndarray]:
