@@ -12,7 +12,7 @@ from typing import Any
 import equinox as eqx
 import jax
 
-from ._jax import QUICK, as_one_kernel, is_quick, is_traced
+from ._jax import QUICK, as_one_kernel, is_quick, is_traced, quickly
 from ._programs import Slot, Store
 
 
@@ -122,7 +122,7 @@ def filter_jit(function: Callable[..., Any], further: dict[str, Any] | None = No
             return _joined(*plain(arrays, fixed))
         kept = _stores and jax.default_backend() == "cpu"
         found = _stores[0].run(call, lower, arrays, fixed, functools.partial(_joined, fixed=fixed)) if kept else None
-        return _joined(*((quick if is_quick() else plain)(arrays, fixed) if found is None else found))
+        return _joined(*(quickly(quick, plain, arrays, fixed) if found is None else found))
 
     return call
 

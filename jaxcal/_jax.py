@@ -67,6 +67,18 @@ def is_quick() -> bool:
     return True
 
 
+def quickly(quick: Any, plain: Any, *data: Any) -> Any:
+    """What a program with the options `QUICK` gives; the one without them, where XLA refuses these, which is asked only then."""
+    if jax.default_backend() != "cpu" or (is_quick.cache_info().currsize and not is_quick()):
+        return plain(*data)
+    try:
+        return quick(*data)
+    except jax.errors.JaxRuntimeError:
+        if is_quick():
+            raise
+        return plain(*data)
+
+
 def as_one_kernel(result: Any) -> Any:
     """Mark the result of a `jax.jit` inside a program: XLA on a CPU then makes one piece of machine code of what computes it."""
     from jax.experimental.xla_metadata import set_xla_metadata

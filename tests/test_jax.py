@@ -8,6 +8,7 @@ import sys
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from jaxcal import _jax
 
@@ -41,6 +42,13 @@ def test_the_options_of_the_compiler_are_known():
     """XLA dropped an option: see whether the programs of today compile as fast without it, and delete it."""
     assert _jax.is_quick() == (jax.default_backend() == "cpu")
     assert jax.jit(lambda x: x + 1, compiler_options=_jax.WIDE)(1.0) == 2.0
+
+    def refused(x):
+        raise jax.errors.JaxRuntimeError("no such option")
+
+    with pytest.raises(jax.errors.JaxRuntimeError):  # which all options of `QUICK` are not
+        _jax.quickly(refused, lambda x: x, 1.0)
+    assert _jax.quickly(lambda x: 2 * x, lambda x: x, 1.0) == 2.0
     settings = dict(_jax.settings())
     assert settings["jax_enable_x64"] == "True"
     assert not [name for name in settings if "cache" in name]

@@ -2,7 +2,10 @@
 
 import contextlib
 import dataclasses
+import importlib.util
+import inspect
 import math
+import sys
 import time
 from dataclasses import dataclass
 from functools import partial
@@ -28,6 +31,7 @@ _MICRO = 1e-6
 _NO_MAG = "the log has no magnetometer of three axes; name its columns with --columns mag=mx,my,mz"
 #: format of --export -> default name of the file
 _EXPORTS = {name: FILES[name] for name in ("motioncal", "c", "csv")}
+_MODELS = ("auto", "sphere", "diagonal", "symmetric", "planar")
 #: formats that --against reads
 _PARAMETERS = ("ardupilot", "px4", "motioncal")
 
@@ -46,8 +50,11 @@ def mag(
     /,
     *,
     model: Annotated[
-        Literal["auto", "sphere", "diagonal", "symmetric", "planar"],
-        Parameter(help="What to fit: sphere (hard iron), diagonal, symmetric (soft iron), or planar for turns about one axis."),
+        str,
+        Parameter(
+            help="What to fit: sphere (hard iron), diagonal, symmetric (soft iron), or planar for turns about one axis. Or FILE.py:CLASS, "
+            "a MagModel of your own; its measure takes temperature, time and --currents by their names."
+        ),
     ] = "auto",
     field: opt.Field | None = None,
     inclination: Annotated[
@@ -112,6 +119,9 @@ def mag(
         raise opt.CallError("--headings gives the rotation itself: leave out --align", "headings_alone")
     if currents is not None and model == "planar":
         raise opt.CallError("--currents goes with fits of magnitudes in all attitudes: leave out --model planar", "currents_in_plane")
+    wanted = _wanted(model)
+    if check is not None and not isinstance(wanted, str):
+        raise opt.CallError("--check goes with the models of jaxcal: leave it out, or fit half of the log", "check_own_model")
     opt.must_exist(against, option="--against")
     if log is None and live is None:
         raise opt.CallError("jaxcal mag needs LOG: jaxcal mag tumble.csv", "no_log")
@@ -134,7 +144,7 @@ def mag(
     earth, notes = _earth(field, place, date), list[str]()
     if flight is not None and earth is None and inclination is None:
         earth, notes = of_place(flight, options)
-    chosen = {"model": model, "field": earth, "inclination": None if inclination is None else math.radians(inclination)}
+    chosen = {"model": wanted, "field": earth, "inclination": None if inclination is None else math.radians(inclination)}
 
     def one(reading: opt.Reading, writing: Writing, default: str, device: Any) -> None:
         fields: dict[str, Any] = {}
@@ -158,6 +168,31 @@ def mag(
         carry_out(log, reading, running, plan, compute, change=change, command="mag", options=options).end()
 
     each(one, flight, reading, writing, opt.folder(log, "mag"))
+
+
+def _wanted(model: str) -> Any:
+    """A model of jaxcal by its name, or the start of an own one, whose further fields begin at their defaults, or else at zero."""
+    import numpy as np
+
+    if model in _MODELS:
+        return model
+    name, _, wanted = model.rpartition(":")
+    if not name.endswith(".py"):
+        raise opt.CallError(f"--model {model}: expected {', '.join(_MODELS)}, or FILE.py:CLASS", "model")
+    opt.must_exist(Path(name), option="--model")
+    spec: Any = importlib.util.spec_from_file_location(f"jaxcal_model_{Path(name).stem}", name)
+    sys.modules[spec.name] = module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:  # whatever the file of the user does
+        raise opt.CallError(f"--model {model}: {name} does not run: {type(error).__name__}: {error}", "model_file") from error
+    kind = getattr(module, wanted, None)
+    if kind is None:
+        raise opt.CallError(f"--model {model}: {name} has no class {wanted}", "model_class")
+    if not (isinstance(kind, type) and issubclass(kind, jaxcal.magnetometer.MagModel)):
+        raise opt.CallError(f"--model {model}: {wanted} is no subclass of jaxcal.magnetometer.MagModel", "model_kind")
+    further = [one for one in dataclasses.fields(kind)[2:] if one.default is one.default_factory is dataclasses.MISSING]
+    return kind(np.eye(3), np.zeros(3), **{one.name: np.zeros(3) for one in further})
 
 
 def _noted(said: list[str], compass: str, log: Any) -> Any:
@@ -256,10 +291,14 @@ def _fit(log: Any, align: str, options: dict[str, Any], given: Shots, flight: An
         aid = Attitude(flown[rows])
     if given.headings is not None:
         aid = Headings(given.headings[rows], None if up is None else up[rows], error=off)
-    warmth = {} if log.temperature is None or given.currents else _conditions(log.temperature[kept])
-    currents = {name: values[rows] for name, values in given.currents.items()}
+    warmth = {} if log.temperature is None else _conditions(log.temperature[kept])
+    recorded = {} if given.currents else warmth
+    if not isinstance(options["model"], str):  # it gets what it asks for
+        known = warmth | {name: values[kept] for name, values in ({"time": log.time} | given.currents).items()}
+        recorded = {name: known[name] for name in inspect.signature(options["model"].measure).parameters if name in known}
+    currents = {name: values[rows] for name, values in given.currents.items() if name not in recorded}
     m = np.where(kept[:, None], log.mag, np.nan)[rows]
-    found: Any = jaxcal.magnetometer.fit(m, conditions=warmth, aid=aid, currents=currents, **options)
+    found: Any = jaxcal.magnetometer.fit(m, conditions=recorded, aid=aid, currents=currents, **options)
     if found.model is None:
         return found
     tried_on = held if given.held.any() else kept & np.isfinite(given.headings) if given.headings is not None else held

@@ -258,6 +258,41 @@ def test_a_warming_sensor_is_fitted_with_its_temperature(call, folder):
     assert np.rad2deg(document["heading_error"][0]) < 0.15
 
 
+OWN = """
+import jax
+import jax.numpy as jnp
+from jaxcal.magnetometer import MagModel
+
+class Warming(MagModel):
+    per_kelvin: jax.Array
+
+    def measure(self, h, temperature):
+        return super().measure(h) + jnp.outer(jnp.asarray(temperature) - 25.0, self.per_kelvin)
+
+    def correct(self, m, temperature):
+        return super().correct(m - jnp.outer(jnp.asarray(temperature) - 25.0, self.per_kelvin))
+
+class Other: ...
+"""
+
+
+def test_a_model_of_the_user(call, folder):
+    rng, warmth = np.random.default_rng(0), np.linspace(10.0, 40.0, 400)
+    u = rng.normal(size=(400, 3))
+    m = 47 * u / np.linalg.norm(u, axis=1, keepdims=True) + np.outer(warmth - 25, [0.2, 0.0, -0.07]) + 0.2 * rng.normal(size=u.shape)
+    save(folder / "warm.csv", np.column_stack([np.arange(400), m, warmth]), "time [s],mag_x [uT],mag_y [uT],mag_z [uT],temperature [degC]")
+    (folder / "own.py").write_text(OWN)
+    found = call("mag", "warm.csv", "--model", "own.py:Warming", "--corrected", "right.csv", "--out", "warm")
+    assert (found.status, found.err) == (0, "")
+    numbers = json.loads((folder / "warm" / "mag.json").read_text())["numbers"]
+    slope = [numbers[f"per_kelvin[{i}]"]["value"] for i in range(3)]
+    assert np.abs(np.array(slope) * 1e6 - [0.2, 0.0, -0.07]).max() < 0.01
+    assert np.linalg.norm(jaxcal.read(folder / "right.csv", quiet=True).mag, axis=1).std() < 0.5e-6
+    refused = {"none.py:A": "not_there", "own.py:A": "model_class", "own.py:Other": "model_kind", "cube": "model"}
+    assert {model: call("mag", "warm.csv", "--model", model).code for model in refused} == refused
+    assert call("mag", "warm.csv", "--model", "own.py:Warming", "--check", "5").code == "check_own_model"
+
+
 def test_columns_x_y_z_without_a_clock_beside_a_magnet(call, folder):
     rng = np.random.default_rng(0)
     field = rng.normal(size=(400, 3))
