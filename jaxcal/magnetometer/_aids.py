@@ -89,7 +89,6 @@ class Accelerometer(eqx.Module):
     Attributes
     ----------
     accel : (n, 3) calibrated specific force in m/s^2; poses in motion (magnitude off by more than 3 %) are not used.
-    dip : known inclination of the field in rad; None to estimate it.
     turns : whether to rotate the axes of the magnetometer to those of the accelerometer. If False, `fit` only takes the dip from the
         accelerometer, and only if the axes agree so well that the dip of the readings at rest scatters by less than 5 degrees.
 
@@ -101,7 +100,6 @@ class Accelerometer(eqx.Module):
     """
 
     accel: Held
-    dip: float | int | None = None
     turns: bool = eqx.field(static=True, default=True)
 
 
@@ -172,7 +170,6 @@ class Attitude(eqx.Module):
     ----------
     quaternion : (n, 4) w, x, y, z, from body axes (forward, right, down) to a frame whose z axis points down (north, east, down); NaN where
         unknown. `jaxcal.io.flight(path).at(log)` has those of a flight log.
-    dip : known inclination of the field in rad; None to estimate it.
 
     Raises
     ------
@@ -189,7 +186,6 @@ class Attitude(eqx.Module):
 
     turns: ClassVar[bool] = True  # the fit rotates the axes of the magnetometer to those of the body, as `Accelerometer.turns`
     quaternion: Held
-    dip: float | int | None = None
 
     def __check_init__(self) -> None:
         if np.ndim(self.quaternion) != 2 or np.shape(self.quaternion)[1] != 4:
@@ -213,7 +209,7 @@ class Attitudes(NamedTuple):
 
     source : key of `NAMES`. up : (n, 3) unit vectors, NaN where unknown. heading : (n,) rad, NaN where unknown. gyro, rate, rows : rates
     (k, 3) in rad/s at all samples of a log, the samples per second, and the sample of each reading. rotated : whether C may have a rotation
-    that these show. dip : known inclination in rad, or None. off : spread of what all headings are off by, infinite for nothing.
+    that these show. off : spread of what all headings are off by, infinite for nothing.
     """
 
     source: str = ""
@@ -223,7 +219,6 @@ class Attitudes(NamedTuple):
     rate: float = 0.0
     rows: Any = None
     rotated: bool = True
-    dip: float | int | None = None
     off: float = np.inf
 
 
@@ -233,7 +228,7 @@ class Asked(NamedTuple):
     Attributes
     ----------
     m : (n, 3) readings; NaN in some rows beside rates, which are integrated over all of them. there : numbers of the rows with a reading.
-    method, model, limits : as for `fit`. traced : whether the fit is in a trace; nothing is chosen then.
+    method, model : as for `fit`. traced : whether the fit is in a trace; nothing is chosen then.
     norm, field_error, dip : magnitude of the field and its relative error, or None, and its dip. known : whether the dip was given.
     at : what the aid tells. turns : whether the fit turns the axes to its, which the accelerometer of a log does not.
     currents, conditions : name -> numbers at the times of the readings. parts : of a model object (see `parts_of`), or None.
@@ -247,7 +242,6 @@ class Asked(NamedTuple):
     field_error: float | None
     dip: float
     known: bool
-    limits: tuple[float, float]
     at: Attitudes
     turns: bool
     currents: dict[str, np.ndarray]
@@ -298,7 +292,7 @@ def told(aid: Any) -> Attitudes:
     if isinstance(aid, Gyroscope):
         return Attitudes("gyro", gyro=vectors(aid.gyro, "rates"), rate=float(aid.rate))
     if isinstance(aid, Accelerometer | Attitude):
-        return Attitudes("accel" if isinstance(aid, Accelerometer) else "attitude", _verticals(aid.accel), dip=aid.dip)
+        return Attitudes("accel" if isinstance(aid, Accelerometer) else "attitude", _verticals(aid.accel))
     if not isinstance(aid, Headings):
         raise DataError(f"The aid is {type(aid).__name__}; give an Accelerometer, Attitude, Gyroscope or Headings.", code="no_such_aid")
     heading, level = np.ravel(np.asarray(aid.headings, dtype=float)) - aid.declination, aid.accel is None

@@ -211,7 +211,7 @@ def _together(asked: Asked, surface: Surface, at: Attitudes, log: _Readings) -> 
     if count < FEWEST:
         raise DataError(f"{count} readings with the {NAMES[at.source]} are left; at least {FEWEST} are needed.", code="few_readings")
     u, at = log.frame.scaled(x), at._replace(up=up, heading=heading, rows=rows)
-    dip = at.dip if at.dip is not None else asked.dip if asked.known else None
+    dip = asked.dip if asked.known else None
     aim, usable, scale = INCLINATION if dip is None else dip, _usable(surface), log.frame.scale
     model = surface.model
     begin = (model.soft_iron * surface.field / scale, (model.hard_iron - log.frame.centre) / scale) if usable else _round(u, aim)

@@ -136,15 +136,16 @@ def heading(m: Samples, accel: Samples, *, declination: float = 0.0) -> AnyArray
     m, accel = jnp.asarray(m, dtype=jnp.result_type(float)), jnp.asarray(accel, dtype=jnp.result_type(float))
     if m.shape != accel.shape or m.ndim not in (1, 2) or m.shape[-1] != 3:
         raise DataError(f"The field has shape {m.shape} and the specific force {accel.shape}; both must be (3,) or (n, 3).")
-    angle, falling, steep = _heading(m, accel, jnp.asarray(declination, dtype=m.dtype))
-    if not is_traced(m, accel):
-        _explain(int(np.sum(falling)), int(np.sum(steep)), int(np.size(falling)))
+    angle = _heading(m, accel, jnp.asarray(declination, dtype=m.dtype))
+    if not is_traced(m, accel) and (lost := int(np.isnan(angle).sum())):
+        why = "in free fall, or within 10 degrees of a magnetic pole"
+        warnings.warn(f"{lost} of {angle.size} headings are NaN: {why}, there is none.", UserWarning, stacklevel=3)
     return angle
 
 
 @filter_jit
-def _heading(m: Any, accel: Any, declination: Any) -> tuple[Any, Any, Any]:
-    """Heading, where the sensor falls, and where the field is too steep otherwise."""
+def _heading(m: Any, accel: Any, declination: Any) -> Any:
+    """Heading; NaN where the sensor falls, or the field is too steep."""
     x, y, z = jnp.moveaxis(m, -1, 0)
     fx, fy, fz = jnp.moveaxis(accel, -1, 0)
     force, field = jnp.linalg.norm(accel, axis=-1), jnp.linalg.norm(m, axis=-1)
@@ -162,15 +163,7 @@ def _heading(m: Any, accel: Any, declination: Any) -> tuple[Any, Any, Any]:
     steep = ~(jnp.sqrt(forward**2 + right**2) > STEEPEST * field)
     angle = jnp.arctan2(-jnp.where(steep, 0, right), jnp.where(steep, 1, forward))
     angle = jnp.mod(angle + declination, 2 * jnp.pi)
-    return jnp.where(falling | steep, jnp.nan, angle), falling, steep & ~falling
-
-
-def _explain(falling: int, steep: int, count: int) -> None:
-    reasons = {f"the specific force is below {_LIGHTEST:g} m/s^2 (free fall)": falling}
-    reasons["the field is within 10 degrees of the vertical (magnetic pole)"] = steep
-    said = "; ".join(f"{number} of {count} have no heading because {why}" for why, number in reasons.items() if number)
-    if said:
-        warnings.warn(f"{said}. They are NaN.", UserWarning, stacklevel=4)
+    return jnp.where(falling | steep, jnp.nan, angle)
 
 
 def earth_field(

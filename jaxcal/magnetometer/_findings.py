@@ -24,6 +24,7 @@ FINDINGS = table(
     heading=Kind(
         CAUTION, "The heading error is above {limit:.2g}; least certain is {what}.",
         "A reading helps most: {attitude}.",
+        limits=(float(np.deg2rad(1.0)), float(np.deg2rad(5.0))),  # rms, rad: what a compass needs; no use as one
     ),
     few_left=Kind(
         CAUTION, "{count} readings leave the noise uncertain: the heading error may be {angle:.2g}.", "Take more readings.",

@@ -23,7 +23,7 @@ from ._judge import judged
 from ._model import MagModel
 from ._own_model import parts_of
 from ._quadric import COUNT, chosen
-from ._result import LIMITS, MagFit
+from ._result import MagFit
 from ._surface import surface_of
 
 METHODS = ("ml", "consistent", "constrained")
@@ -39,7 +39,6 @@ def fit(
     field: Samples | None = None,
     field_error: float | None = None,
     inclination: float | None = None,
-    limits: tuple[float, float] = LIMITS,
     aid: Checked[Accelerometer | Attitude | Gyroscope | Headings] | None = None,
     currents: dict[str, Any] | None = None,
     conditions: dict[str, Any] | None = None,
@@ -71,7 +70,6 @@ def fit(
         with part of a sphere.
     inclination : dip of the field in rad, used for `heading_error`. By default it comes from `field` or from an `Accelerometer`; without
         either, 57 degrees are assumed, and the result shows the error for other dips too.
-    limits : rms heading errors in rad above which the verdict is "weak" and "refused".
     aid : `Accelerometer`, `Attitude`, `Gyroscope` or `Headings`: magnitudes and aid are then fitted together, each residual divided by its
         own standard deviation, and the soft iron is the full matrix, with the rotation that magnitudes cannot show. Priors keep open what
         the attitudes cannot show, so that a vehicle that stays level, or hardly tilts, has its headings calibrated too. Without an aid, the
@@ -111,7 +109,7 @@ def fit(
     J. F. Vasconcelos et al., IEEE Trans. Aerosp. Electron. Syst. 47 (2011) 1293 (maximum likelihood); I. Markovsky et al., Numer.
     Math. 98 (2004) 177 (consistent); the magnetometer paper's equations 6 to 16 (constrained); the thesis, chapter 6.
     """
-    asked = _asked(m, method, model, field, field_error, inclination, limits, aid, currents, conditions)
+    asked = _asked(m, method, model, field, field_error, inclination, aid, currents, conditions)
     picked = chosen(asked.m[asked.there], asked.parts is not None or asked.traced)
     surface = surface_of(asked, picked)
     surface = beside(asked, surface)
@@ -119,8 +117,7 @@ def fit(
 
 
 def _asked(
-    source: Any, method: str, model: Any, field: Any, field_error: Any, inclination: Any, limits: Any, aid: Any, currents: Any,
-    conditions: Any,
+    source: Any, method: str, model: Any, field: Any, field_error: Any, inclination: Any, aid: Any, currents: Any, conditions: Any
 ) -> Asked:  # fmt: skip
     """The fit as asked for, after a check that each option is known and that all suit one another."""
     m, force = _readings(source)
@@ -168,8 +165,7 @@ def _asked(
     for rows in (at.up, at.heading, at.gyro):
         if rows is not None and len(rows) != len(m):
             raise DataError(f"There are {len(m)} readings and {len(rows)} rows of the aid; give one for each reading.", code="rows_differ")
-    return Asked(m, np.flatnonzero(there), method, model, norm, field_error, float(dip), known, (float(limits[0]), float(limits[1])),
-                 at, turns, flows, recorded, parts)  # fmt: skip
+    return Asked(m, np.flatnonzero(there), method, model, norm, field_error, float(dip), known, at, turns, flows, recorded, parts)
 
 
 def _in_trace(m: Any, model: Any, field: Any, inclination: Any, conditions: dict[str, Any], refused: list[str]) -> Asked:
@@ -186,7 +182,7 @@ def _in_trace(m: Any, model: Any, field: Any, inclination: Any, conditions: dict
         raise DataError(f"The readings have shape {m.shape}; this model needs (n, 3) with at least {least} rows.", code="bad_shape")
     model = jax.tree.map(lambda leaf: jnp.asarray(leaf, m.dtype), model) if own else model
     norm, dip = _norm_and_dip(field, inclination)
-    return Asked(m, np.arange(len(m)), "ml", model, norm, None, float(dip), True, (0.0, 0.0), told(None), False, {}, conditions,
+    return Asked(m, np.arange(len(m)), "ml", model, norm, None, float(dip), True, told(None), False, {}, conditions,
                  parts_of(model) if own else None, True)  # fmt: skip
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from .._answer import CAUTION, FATAL, Finding, Quantity, joined_names
+from .._answer import Finding, Quantity, joined_names
 from ..fitting import Estimate
 from ..fitting._information import information as of_jacobian
 from . import _quadric as quadric
@@ -19,6 +19,8 @@ from ._surface import BENT, FAST, Surface
 
 #: findings beside which a heading error means nothing
 _OPEN = ("not_judged", "undetermined", "near_planar", "no_ellipsoid", "not_converged")
+
+_GOOD = FINDINGS["heading"].limits[0]
 
 
 def judged(asked: Asked, surface: Surface) -> MagFit:
@@ -43,7 +45,7 @@ def judged(asked: Asked, surface: Surface) -> MagFit:
     if host:
         size = field if surface.joint else surface.radius * surface.scale
         said += _about_residuals(surface.residual / size, float(surface.noise / size), surface.parts)
-        said += _about_heading(surface, estimate, kind, float(error[0]), weakest, asked.limits, said)
+        said += _about_heading(surface, estimate, kind, float(error[0]), weakest, said)
     about = {"used": len(surface.rows if surface.joint else surface.m), "condition": condition}
     return MagFit(
         model, estimate, error, field, surface.noise, surface.residual, dip, "joint" if surface.joint else asked.method, kind, cover,
@@ -107,13 +109,13 @@ def _of_magnitudes(asked: Asked, surface: Surface, condition: float, weakest: st
         said.append(FINDINGS("undetermined", what=weakest))
     elif not found.converged:
         said.append(FINDINGS("not_converged", what=weakest))
-    if not wide <= asked.limits[0]:
+    if not wide <= _GOOD:
         said.append(FINDINGS("small_model", what="a full soft iron matrix", model=found.kind))
     said += FINDINGS.over("field_differs", abs(np.log(size / norm)), found=size, given=norm) if norm else []
     # the noise of few white readings is uncertain itself: Student's distribution has the wider error
     freedom = found.freedom
     wider = error * (1.0 if surface.parts else np.sqrt(freedom / (freedom - 2)) if freedom > 2 else np.inf)
-    if error <= asked.limits[0] < wider:
+    if error <= _GOOD < wider:
         said.append(FINDINGS("few_left", count=len(surface.rows), angle=Quantity(min(wider, np.pi), "angle")))
     return said
 
@@ -128,13 +130,12 @@ def _about_residuals(distance: np.ndarray, scatter: float, parts: bool) -> list[
 
 
 def _about_heading(
-    surface: Surface, estimate: Estimate, kind: str, level: float, weakest: str, limits: tuple[float, float], said: list[Finding]
+    surface: Surface, estimate: Estimate, kind: str, level: float, weakest: str, said: list[Finding]
 ) -> list[Finding]:  # fmt: skip
     """A finding if the heading error is above a limit."""
-    if level <= limits[0] or any(one.code in _OPEN for one in said):
+    if level <= _GOOD or any(one.code in _OPEN for one in said):
         return []
-    grave = not level <= limits[1]
     wanted = needed(surface.model, float(surface.field), kind, np.asarray(estimate.matrix))
     way = attitude_in_words(wanted[0], float(surface.dip), surface.down) if len(wanted) else "attitudes not yet seen"
-    limit = Quantity(limits[1] if grave else limits[0], "angle")
-    return [FINDINGS("heading", severity=FATAL if grave else CAUTION, cost=level, limit=limit, what=weakest, attitude=way)]
+    limit = Quantity(max(limit for limit in FINDINGS["heading"].limits if level > limit), "angle")
+    return FINDINGS.over("heading", level, limit=limit, what=weakest, attitude=way)

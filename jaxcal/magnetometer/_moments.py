@@ -7,14 +7,13 @@ from .._errors import DataError
 from .._types import AnyArray, Samples
 from ._field import INCLINATION
 from ._model import MagModel
-from ._quadric import NEAR_PLANAR, NotEllipsoid, adjusted, constrained, ellipsoid_of, noisy, soft_of
+from ._quadric import EXPONENTS, NEAR_PLANAR, NotEllipsoid, adjusted, constrained, ellipsoid_of, noisy, soft_of
 
 #: exponents (a, b, c) of the moments x^a y^b z^c, in the order of the sums; place of the moments among them
 _POWERS = np.array([(a, b, c) for a in range(5) for b in range(5 - a) for c in range(5 - a - b)])
 _PLACE = {tuple(power): k for k, power in enumerate(_POWERS.tolist())}
-#: exponents of the monomials of a quadric in the order of `_quadric`, and the moment of the product of each two
-_QUADRIC = np.array([(2, 0, 0), (1, 1, 0), (1, 0, 1), (0, 2, 0), (0, 1, 1), (0, 0, 2), (1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 0)])
-_PRODUCT = np.array([[_PLACE[tuple(power)] for power in row] for row in (_QUADRIC[:, None] + _QUADRIC).tolist()])
+#: moment of the product of each two monomials of a quadric
+_PRODUCT = np.array([[_PLACE[tuple(power)] for power in row] for row in (EXPONENTS[:, None] + EXPONENTS).tolist()])
 #: least number of readings; most in one of 24 directions, above which a device that lies still would decide; when the frame is renewed
 _LEAST, _MOST, _RENEWED = 12, 2000, (16, 64, 256)
 #: rms heading error, doubled for 95 %, up to which the verdict is "good"; five times it is refused. Noise over field above which it is weak

@@ -41,10 +41,12 @@ def inverse_of(matrix: Any) -> Any:
 
 
 def _cofactors(matrix: Any) -> tuple[Any, Any]:
-    """Cofactors (..., 3, 3) and determinant."""
-    one, two = np.array([1, 2, 0]), np.array([2, 0, 1])
-    rows, later = matrix[..., one, :], matrix[..., two, :]
-    cofactors = rows[..., one] * later[..., two] - rows[..., two] * later[..., one]
+    """Cofactors (..., 3, 3) and determinant, by cross products of the rows."""
+    join, (x, y, z) = matrix.__array_namespace__().concatenate, (matrix[..., :1], matrix[..., 1:2], matrix[..., 2:])
+    # slices, because what is looked up by numbers compiles slowly, and its derivative more slowly
+    one, two = (join([part[..., 1:, :], part[..., :1, :]], axis=-2) for part in (join([y, z, x], axis=-1), join([z, x, y], axis=-1)))
+    later = [join([part[..., 1:, :], part[..., :1, :]], axis=-2) for part in (one, two)]
+    cofactors = one * later[1] - two * later[0]
     return cofactors, (matrix[..., 0, :] * cofactors[..., 0, :]).sum(axis=-1)
 
 

@@ -176,14 +176,14 @@ def constrained(products: np.ndarray) -> np.ndarray:
 
 
 #: exponents (x, y, z) of the ten monomials
-_EXPONENTS = np.array([(2, 0, 0), (1, 1, 0), (1, 0, 1), (0, 2, 0), (0, 1, 1), (0, 0, 2), (1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 0)])
+EXPONENTS = np.array([(2, 0, 0), (1, 1, 0), (1, 0, 1), (0, 2, 0), (0, 1, 1), (0, 0, 2), (1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 0)])
 
 
 @functools.cache
 def _slopes() -> np.ndarray:
     """Matrices D (3, 10, 10) that differentiate the monomials: their slopes along an axis are D times themselves."""
-    before = (_EXPONENTS[:, None] - _EXPONENTS == np.eye(3)[:, None, None]).all(axis=3)
-    return before * _EXPONENTS.T[:, :, None]
+    before = (EXPONENTS[:, None] - EXPONENTS == np.eye(3)[:, None, None]).all(axis=3)
+    return before * EXPONENTS.T[:, :, None]
 
 
 def _laplacian(moments: np.ndarray) -> np.ndarray:

@@ -16,8 +16,6 @@ from ._model import MagModel
 from ._quadric import PLACE, outliers
 from ._surface import between
 
-#: rms heading error in rad above which a fit is weak, and above which it is refused
-LIMITS = (float(np.deg2rad(1.0)), float(np.deg2rad(5.0)))
 HARD = tuple(f"hard_iron[{i}]" for i, _ in enumerate(PLACE))
 SOFT = tuple(f"soft_iron[{i},{j}]" for i, j in np.ndindex(*PLACE.shape))
 _NINETEEN = 2.1  # actual over stated error that 95.4 % of 800 simulated logs stayed below

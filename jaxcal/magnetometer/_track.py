@@ -20,7 +20,7 @@ from ._findings import FINDINGS
 from ._fit import fit
 from ._model import MagModel
 from ._quadric import LONG, SYMMETRIC, outliers
-from ._result import LIMITS, quantity_of
+from ._result import quantity_of
 
 _CLEAR = 9.0  # twice the logarithm of the likelihood by which a drift must gain: three standard deviations
 _WINDOWS = 24  # of the log: half of them are left out, and between them the path is compared with itself
@@ -107,7 +107,7 @@ class Track(Result):
 @host_float64
 def track(
     m: Checked[LogLike | Numbers], time: Samples | None = None, *, model: MagModel | None = None, field: float | int | None = None,
-    inclination: float | None = None, limit: float = LIMITS[0],
+    inclination: float | None = None, limit: float = FINDINGS["heading"].limits[0],
 ) -> Track:  # fmt: skip
     r"""A hard iron that drifts during a long log (an underwater vehicle, a phone), with its error at each time.
 
