@@ -1,6 +1,7 @@
 """Float64 for host functions, without changing the user's JAX configuration."""
 
 import functools
+import inspect
 import os
 import warnings
 from collections.abc import Callable
@@ -198,6 +199,7 @@ def host_float64(function: F) -> F:
     >>> str(mean(jnp.ones(3)).dtype)
     'float64'
     """
+    first = "".join(inspect.unwrap(function).__code__.co_varnames[:1])
 
     @functools.wraps(function)
     def driver(*args: Any, **kwargs: Any) -> Any:
@@ -220,7 +222,7 @@ def host_float64(function: F) -> F:
                 args, kwargs = map_ordered(as_there_is, (args, kwargs))
             return function(*args, **kwargs) if is_traced() else _as_one(function, args, kwargs)
         # the data come first; flags and names of groups may follow, and results that hold flags are no data
-        data = args[0] if args else kwargs.get(function.__code__.co_varnames[0]) if kwargs else None
+        data = args[0] if args else kwargs.get(first)
         plain = isinstance(data, list) and all(isinstance(leaf, int | float) for leaf in jax.tree.leaves(data))
         if plain or isinstance(data, np.ndarray):
             real_numbers(data)
