@@ -329,14 +329,12 @@ def overview(fleet: Fleet, identity: dict[str, Any]) -> dict[str, Any]:
     """The data of the overview page."""
     said: dict[str, dict[str, str]] = {}  # code, or the sentence of a task of one's own -> log -> sentence
     for entry in fleet.done:
-        for one in entry.findings:
-            if one["severity"] != "note":
-                said.setdefault(one["text"] if one["code"] == "said" else one["code"], {}).setdefault(entry.name, one["text"])
+        for one in (finding for finding in entry.findings if finding["severity"] != "note"):
+            said.setdefault(one["text"] if one["code"] == "said" else one["code"], {}).setdefault(entry.name, one["text"])
     return {
         "task": identity, "logs": len(fleet), "names": [entry.name for entry in fleet.done],
         "dates": [entry.date for entry in fleet.done], "failed": [(entry.name, entry.reason) for entry in fleet.failed],
-        "files": [_address(entry.file) for entry in fleet.done],
-        "curves": _curves(fleet.done),
+        "files": [_address(entry.file) for entry in fleet.done], "curves": _curves(fleet.done),
         "warnings": [(next(iter(logs.values())), list(logs)) for logs in sorted(said.values(), key=len, reverse=True)],
         "spread": {name: dataclasses.asdict(one) for name, one in fleet.spread.items()},
     }  # fmt: skip
