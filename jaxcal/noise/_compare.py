@@ -151,8 +151,6 @@ def _likeliest(fitted: Fitted, base: AnyArray, name: str, dt: float, duration: f
     if "P" in letters:
         candidates = [(PowerLaw(exponent=float(value)),) for value in _EXPONENTS]
         return min(candidates, key=lambda terms: _fitted(fitted, base, terms, dt)[1])
-    if not processes:
-        return held
     times = _best_times(lambda times: _fitted(fitted, base, (*held, *_processes(times)), dt)[1], processes, dt, duration)
     return (*held, *_processes(times))
 
@@ -169,7 +167,7 @@ def _best_times(cost_of: Any, processes: int, dt: float, duration: float) -> tup
     for _ in range(_HALVINGS):
         step *= 0.5
         moved = [(*best[:i], best[i] * float(np.exp(by)), *best[i + 1 :]) for i in range(processes) for by in (-step, step)]
-        cost, best = min((cost, best), *((cost_of(one), one) for one in moved))
+        cost, best = min([(cost, best), *((cost_of(one), one) for one in moved)])
     return best
 
 

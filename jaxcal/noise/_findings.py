@@ -92,9 +92,8 @@ def of_changes(changes: Changes, factors: Any, covariance: Any, unit: str, durat
         largest = x[np.argmax(course)] - x[np.argmin(course)]
         largest = largest / {"sinusoid": 2.0, "temperature": np.ptp(x)}.get(change.family, 1.0)
         size, error = abs(float(largest @ factors[columns])), float(np.sqrt(largest @ covariance[columns, columns] @ largest))
-        if (
-            change.family == "shift" or change not in changes.likely or not size > FINDINGS["step"].limits[0] * error
-        ):  # a shift is part of what was set aside
+        shown = change in changes.likely and size > FINDINGS["step"].limits[0] * error
+        if change.family == "shift" or not shown:  # a shift is part of what was set aside
             continue
         if change.family == "step":
             steps.append((change.start, size, error))

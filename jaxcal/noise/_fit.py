@@ -1,5 +1,6 @@
 """`fit`: noise coefficients of a record, and `characterise`: of every channel of a log."""
 
+import itertools
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -150,11 +151,9 @@ def characterise(
     dead = [name for name, x in channels.items() if np.fmin.reduce(x) == np.fmax.reduce(x)]
     dead *= len(dead) < len(channels)  # of dead ones alone the fit says why there is no answer
     report = progress or (lambda done, total, name: None)
-    sensors: dict[str, list[str]] = {}
-    for name in channels:
-        sensors.setdefault(name.partition("_")[0], []).append(name)
     fits: dict[str, NoiseFit] = {}
-    for sensor, every in sensors.items():
+    for sensor, group in itertools.groupby(channels, lambda name: name.partition("_")[0]):
+        every = list(group)
         report(len(fits), len(channels), every[0])
         alive = [i for i, name in enumerate(every) if name not in dead]
         if not alive:

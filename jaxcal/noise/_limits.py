@@ -14,9 +14,9 @@ from ._ordinates import Bins
 #: significance above which a term is a hint, and above which it is present. Without the term, 5 % and 1 % of records exceed these,
 #: because a coefficient cannot be negative (S. G. Self and K.-Y. Liang, J. Am. Stat. Assoc. 82, 1987)
 HINT, PRESENT = 2.71, 5.41
-#: most steps of a search; relative distance from the level, in the root of the likelihood ratio, at which it ends, and the gain in log
-#: likelihood at which each of its fits ends: limits are then known to 1e-3 of the error
-_SEARCH, _CLOSE = 24, 1e-3
+#: most steps of a search; relative distance from the level, in the root of the likelihood ratio, from which a last step of Newton's method
+#: ends it; and the gain in log likelihood at which each of its fits ends: limits are then known to 1e-3 of the error
+_SEARCH, _CLOSE, _GAINED = 24, 0.03, 1e-3
 
 
 class Limits(NamedTuple):
@@ -63,7 +63,7 @@ def profile_limits(
         held = np.arange(len(theta)) == index[lanes, None]
         start = last[lanes] + slope[lanes] * (value - last[lanes, index[lanes]])[:, None]
         start = np.where(held, value[:, None], np.where(free, start, np.maximum(start, 0.0)))
-        last[lanes], found = scoring(bins.columns, bins.density, bins.weight, start, held=held, enough=_CLOSE)
+        last[lanes], found = scoring(bins.columns, bins.density, bins.weight, start, held=held, enough=_GAINED)
         root, s = np.sqrt(np.maximum(2.0 * (found - cost), 0.0)), density(bins.columns, last[lanes].T).T
         with np.errstate(over="ignore", invalid="ignore"):  # at zero, where no slope is needed
             score = 0.5 * np.sum(bins.weight * bins.columns.T[index[lanes]] * (s - bins.density) / s**2, axis=1)
@@ -80,12 +80,12 @@ def profile_limits(
     root, rise = roots[todo], rises[todo]
     for _ in range(_SEARCH):
         off = root - level[todo]
-        done = np.abs(off) <= _CLOSE * level[todo]
-        found[todo[done]] = u[todo[done]]
         inner = off < 0.0
         near[todo[inner]], far[todo[~inner]] = u[todo[inner]], u[todo[~inner]]
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             new = u[todo] - off / rise
+        done = np.abs(off) <= _CLOSE * level[todo]
+        found[todo[done]] = new[done]
         low, high = np.minimum(near, far)[todo], np.maximum(near, far)[todo]
         middle = np.where(np.isfinite(high), 0.5 * (low + high), 2.0 * low)
         u[todo] = np.where((new > low) & (new < np.minimum(high, 4.0 * low + error[todo])), new, middle)

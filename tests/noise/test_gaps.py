@@ -87,3 +87,8 @@ def test_masking_one_percent_of_a_real_record_moves_no_coefficient(reference, re
     for term, error in zip(whole.terms, np.sqrt(np.diag(whole.covariance)), strict=True):
         moved = float(getattr(part.noise, term)) ** 2 - float(getattr(whole.noise, term)) ** 2
         assert abs(moved) <= 0.25 * error, term
+
+
+def test_a_fit_of_gaps_that_does_not_settle_says_so(monkeypatch):
+    monkeypatch.setattr("jaxcal.noise._solve._ROUNDS", 2)
+    assert "unsettled" in jaxcal.noise.fit(lost(simulated(2**12, RATE, TRUTH, 5), 0.6, 1, 5), RATE).codes
