@@ -1,9 +1,10 @@
 """Noise of records that are not as the model assumes: missing samples, several recordings, and records that are hardly any.
 
-    python benchmarks/records.py [--only gaps,recordings,degenerate] [--case exponent] [--runs 20] [--seed 1]
+    python benchmarks/records.py [--only gaps,settling,recordings,degenerate] [--case exponent] [--runs 20] [--seed 1]
 
 gaps: case A (2^17 samples at 100 Hz; N 0.25 deg/sqrt(h), B 7.6 deg/h, K 1.8 deg/h/sqrt(s)) with missing samples; rmse in % of N, B, K,
 bound of the observed record, share of 95 % intervals that hold the truth, share of records in which K is present, CPU seconds of a fit.
+settling: records of four spectra that lose 25, 40 and 60 % in four ways: in how many the filling of the gaps does not settle.
 recordings, degenerate: several recordings of a device, and records that are hardly any. Disturbances and other spectra: real_noise.py.
 
 Records are drawn ordinate by ordinate from their density, without using `jaxcal.noise.Noise.simulate`.
@@ -12,6 +13,7 @@ Records are drawn ordinate by ordinate from their density, without using `jaxcal
 import argparse
 import contextlib
 import io
+import itertools
 import pathlib
 import tempfile
 import time
@@ -98,6 +100,37 @@ def gaps(runs, seed, case=""):
         )
 
 
+def _bursts_lost(n, share, rng):
+    gone = np.zeros(n, bool)
+    while gone.mean() < share:
+        length = int(np.exp(rng.uniform(np.log(5), np.log(n / 20))))
+        start = rng.integers(0, n - length)
+        gone[start : start + length] = True
+    return gone
+
+
+LOSSES = {
+    "scattered": lambda n, share, rng: rng.permutation(n) < share * n,
+    "periodic": lambda n, share, rng: np.arange(n) % 200 < 200 * share,
+    "in bursts": _bursts_lost,
+    "in one gap": lambda n, share, rng: (np.arange(n) >= 0.3 * n) & (np.arange(n) < (0.3 + share) * n),
+}
+
+
+def settling(runs, seed):
+    n = 2**13
+    for name, make in LOSSES.items():
+        unsettled, spent = 0, time.process_time()
+        for scale in ((1, 1, 1), (1, 1, 0), (1, 0, 0), (1, 0, 30)):
+            density = columns(n) @ (CASE_A * scale) ** 2
+            for share, i in itertools.product((0.25, 0.4, 0.6), range(runs)):
+                y = drawn(density, np.random.default_rng([seed, 8, i]))
+                y[make(n, share, np.random.default_rng([seed, 9, i]))] = np.nan
+                unsettled += "unsettled" in jaxcal.noise.fit(y, RATE).codes
+        each = (time.process_time() - spent) / (12 * runs)
+        print(f"lost {name:10s} {unsettled} of {12 * runs} do not settle, {each:.2f} s of CPU each", flush=True)
+
+
 def recordings(runs, seed):
     """Whether the interval of four recordings holds the coefficient of the fifth; 4,096 samples, true spreads of N."""
     for spread in (0.01, 0.1, 0.3):
@@ -169,6 +202,6 @@ if __name__ == "__main__":
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--case", default="", help="rows of gaps that begin with one of these, separated by semicolons")
     options = parser.parse_args()
-    tables = {"gaps": partial(gaps, case=options.case), "recordings": recordings, "degenerate": degenerate}
+    tables = {"gaps": partial(gaps, case=options.case), "settling": settling, "recordings": recordings, "degenerate": degenerate}
     for table in options.only.split(","):
         tables[table](options.runs, options.seed)
