@@ -73,8 +73,9 @@ def block_sums(
         if limit is not None:
             inside = at + jnp.arange(_SHORT) < limit
             keep = inside if keep is None else keep & inside
-        if keep is not None:
-            d = jnp.where(keep, d, 0.0)  # before squaring: the points beyond the record are arbitrary (they may be NaN)
+        if keep is None:
+            return (d * d,)
+        d = jnp.where(keep, d, 0.0)  # before squaring: the points beyond the record are arbitrary (they may be NaN)
         return (d * d,) if rule == "none" else (d * d, keep.astype(d.dtype))
 
     def block(index, tables):
