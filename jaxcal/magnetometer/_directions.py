@@ -329,8 +329,9 @@ def attitude_in_words(direction: AnyArray, inclination: float, down: AnyArray | 
         elevation = np.arctan2(-np.sin(inclination), horizontal)  # of the field, in the vertical plane that x stays in
         for side in (1.0, -1.0):
             tilt = np.remainder(elevation + side * np.arccos(np.clip(x, -1.0, 1.0)) + np.pi, 2 * np.pi) - np.pi
-            along = np.sign(up * np.sin(elevation - tilt))  # of the field along z before the roll
-            ways += [(np.rad2deg(tilt), np.rad2deg(np.arctan2(along * y, along * z)), facing)] if abs(tilt) <= np.pi / 2 + 1e-9 else []
+            along = np.sign(np.round(up * np.sin(elevation - tilt), 9)) + 0.0  # of the field along z before the roll; 0 if it is along x
+            roll = np.arctan2(along * y + 0.0, along * z + 0.0)  # no -0, whose angle is half a turn
+            ways += [(np.rad2deg(tilt), np.rad2deg(roll), facing)] if abs(tilt) <= np.pi / 2 + 1e-9 else []
     tilt, roll, facing = min(ways, key=lambda way: abs(way[0]) + abs(way[1]))
     turns = [f"x {'up' if tilt > 0 else 'down'} by {5 * round(abs(tilt) / 5)} deg"] if abs(tilt) > 2.5 else []
     turns += [f"roll {'right' if roll > 0 else 'left'} by {5 * round(abs(roll) / 5)} deg"] if abs(roll) > 2.5 else []
