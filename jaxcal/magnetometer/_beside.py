@@ -113,7 +113,7 @@ def by_axes(found: Axes | None, sign: float, turns: bool = True) -> list[Finding
         return [FINDINGS("reversed", dip=Quantity(found.dip, "angle"))] if known < 0 else []
     if known > 0:
         return [FINDINGS("remounted", axes=words["first"])]
-    both = {"first": words["first"], "second": words["second"]}
+    both: dict[str, Any] = {"first": words["first"], "second": words["second"]}
     if not np.isfinite(found.dip):
         return [FINDINGS("axes_turned", severity=grave, **both)]
     return [FINDINGS("axes_open", severity=grave, dip=Quantity(found.dip, "angle"), other=Quantity(-found.dip, "angle"), **both)]

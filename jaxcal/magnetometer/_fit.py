@@ -218,7 +218,7 @@ def _readings(source: Any) -> tuple[Any, Any]:
     """
     tabular = hasattr(source, "data_vars") or np.ndim(getattr(source, "columns", 0)) == 1
     if not (tabular or isinstance(source, Log | str | os.PathLike | dict)) or len(getattr(source, "columns", ())) == 3:
-        m = source if is_traced(source) else np.asarray(source)  # of a size that was checked before
+        m: Any = source if is_traced(source) else np.asarray(source)  # of a size that was checked before
         if m.dtype.kind not in "fiu":
             raise DataError(f"The readings must be real numbers; got values of type {m.dtype}.", code="not_numbers")
         return (m if is_traced(source) else m.astype(float, copy=False)), None
