@@ -286,11 +286,11 @@ def _own_sizes(joint: Joint) -> tuple[np.ndarray, dict[str, float]]:
     size = np.where(freedom < 1, 1.0, size / np.maximum(freedom, 1) / np.asarray(fit.mean_curvature) ** 2)
     freedom = np.maximum(freedom, 1)
     # rates at rest oscillate in a hand, so that their means scatter less than the noise inside the rests suggests
-    least = [_SURE, _SURE, 0.0] * np.nan_to_num(joint.least) * student_quantile(np.inf, 0.975) / student_quantile(freedom, 0.975)
+    sure = np.array([_SURE, _SURE, 0.0]) * student_quantile(np.inf, 0.975) / student_quantile(freedom, 0.975)
     matrix = np.asarray(covariance(fit, scaled=True))
     effect = (jacobian @ np.where(np.isfinite(matrix), matrix, 0.0)) ** 2
     each = np.stack([effect[kind == i].sum(axis=0) for i in range(3)])
-    each = each / np.maximum(each.sum(axis=0), 1e-300) * np.maximum(size, least**2)[:, None]
+    each = each / np.maximum(each.sum(axis=0), 1e-300) * np.maximum(size, (sure * np.nan_to_num(joint.least)) ** 2)[:, None]
     total = each.sum(axis=0)
     own = np.sqrt(total / np.asarray(fit.variance))
     known = total**2 / np.maximum(np.sum(each**2 / freedom[:, None], axis=0), 1e-300)
