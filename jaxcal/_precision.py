@@ -148,8 +148,6 @@ def real_numbers(values: Any, name: str = "the data") -> np.ndarray:
     array = np.asarray(array).astype(np.float64, copy=False)
     if masked is not None:
         array = np.where(masked, np.nan, array)
-    if array.ndim == 1 and 1.0 / LARGEST < np.dot(array, array) < LARGEST:  # the usual case, in half of the time
-        return array
     size = max(np.fmax.reduce(array, axis=None, initial=0.0), -np.fmin.reduce(array, axis=None, initial=0.0))
     wrong = f"below {LARGEST**-2:g} alone" if 0.0 < size < LARGEST**-2 else ""
     if size > LARGEST and np.any(np.isfinite(array) & (np.abs(array) > LARGEST)):
