@@ -289,7 +289,7 @@ class Log(eqx.Module):
         >>> gyro = np.random.default_rng(0).normal(size=(20_000, 3)) * 1e-3
         >>> gyro[5_000:5_100] += 0.05 * np.sin(np.linspace(0, np.pi, 100))[:, None]
         >>> print(jaxcal.Log(None, gyro=gyro, rate=100.0).cleaned(still=True).head())
-        gyroscope, 100 Hz, 3 min 20 s (0.5 % set aside: something moved at 0:49)
+        gyroscope, 100 Hz, 3 min 20 s (0.51 % set aside: something moved at 0:49)
         """
         sensors = {name: self.usable(name, still, (*keep, *left)).reshape(len(self.time), -1) for name in self._sensors()}
         said = said_of((one for one in self.evidence if one.kind not in keep), len(self.time), self.rate) if still else []

@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import difflib
 import importlib.util
 import inspect
 import math
@@ -178,7 +179,9 @@ def _wanted(model: str) -> Any:
         return model
     name, _, wanted = model.rpartition(":")
     if not name.endswith(".py"):
-        raise opt.CallError(f"--model {model}: expected {', '.join(_MODELS)}, or FILE.py:CLASS", "model")
+        close = difflib.get_close_matches(model, _MODELS, 1)
+        meant = f'. Did you mean "{close[0]}"?' if close else ""
+        raise opt.CallError(f"--model {model}: expected {', '.join(_MODELS)}, or FILE.py:CLASS{meant}", "model")
     opt.must_exist(Path(name), option="--model")
     spec: Any = importlib.util.spec_from_file_location(f"jaxcal_model_{Path(name).stem}", name)
     sys.modules[spec.name] = module = importlib.util.module_from_spec(spec)

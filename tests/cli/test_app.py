@@ -40,7 +40,8 @@ def test_help_of_every_command_explains_every_option_in_80_columns(call, command
 
 def words(sentence):
     """Choices that a message lists, with or without quotes, after "expected", "known are" or "Choose from:"."""
-    offered = re.split(r"expected one of|expected|known are|Choose from:", sentence)[1].split(". ")[0].split(", or a function")[0]
+    offered = re.split(r"expected one of|expected|known are|Choose from:", sentence)[1]
+    offered = re.split(r"\. |, or a function|, or FILE", offered)[0]
     return {word for word in re.findall(r"\w+", offered) if word not in ("or", "see")}
 
 
