@@ -19,7 +19,7 @@ from ._aids import NAMES, Alignment, Asked, Attitudes, vector_from
 from ._directions import INCLINATION
 from ._findings import AGREE, FINDINGS
 from ._model import MagModel
-from ._quadric import NEAR_PLANAR, Frame, extents, sphere_centre, unit
+from ._quadric import NEAR_PLANAR, Frame, extents, unit
 from ._surface import Surface, iron_slopes
 
 #: rad between verticals of one pose, ten times the scatter of an accelerometer by hand; usual steps between its readings: 1 in 10,000 of
@@ -210,7 +210,7 @@ def _together(asked: Asked, surface: Surface, at: Attitudes, log: _Readings) -> 
     count = len(x) if up is None else int(np.isfinite(up).all(axis=1).sum())
     if count < FEWEST:
         raise DataError(f"{count} readings with the {NAMES[at.source]} are left; at least {FEWEST} are needed.", code="few_readings")
-    u, at = log.frame.scaled(x), at._replace(up=up, heading=heading, rows=rows)
+    u, at = log.frame.in_frame(x), at._replace(up=up, heading=heading, rows=rows)
     dip = asked.dip if asked.known else None
     aim, usable, scale = INCLINATION if dip is None else dip, _usable(surface), log.frame.scale
     model = surface.model
@@ -282,6 +282,13 @@ def _axes(y: np.ndarray, at: Attitudes, dip: float, usable: bool) -> Axes | None
     if at.heading is not None and there.sum() >= FEWEST:
         return axes_by_headings(y[there], north_of(at.up[there], at.heading[there], dip))
     return axes_of(y, at.up) if at.up is not None and usable and at.rotated else None
+
+
+def sphere_centre(m: np.ndarray) -> np.ndarray:
+    """Centre of the sphere through readings; if they do not determine one, the solution nearest to their mean."""
+    middle = m.mean(axis=0)
+    square = np.sum((m - middle) ** 2, axis=1)
+    return middle + np.linalg.lstsq(2.0 * (m - middle), square - square.mean(), rcond=3e-2)[0]
 
 
 def _round(u: np.ndarray, dip: float) -> tuple[np.ndarray, np.ndarray]:

@@ -110,7 +110,7 @@ def fit(
     Math. 98 (2004) 177 (consistent); the magnetometer paper's equations 6 to 16 (constrained); the thesis, chapter 6.
     """
     asked = _asked(m, method, model, field, field_error, inclination, aid, currents, conditions)
-    picked = chosen(asked.m[asked.there], asked.parts is not None or asked.traced)
+    picked = chosen(asked.m[asked.there], "symmetric" if asked.parts is not None else asked.model if asked.traced else "")
     surface = surface_of(asked, picked)
     surface = beside(asked, surface)
     return judged(asked, surface)

@@ -8,9 +8,10 @@ from .._errors import DataError
 from .._precision import host_float64, real_numbers
 from .._quality import checked_confidence
 from .._types import AnyArray, Samples
+from ._beside import sphere_centre
 from ._directions import HEADINGS, INCLINATION, attitude_in_words, by_iron, distance_slopes, heading_slopes, sphere_grid
 from ._fit import fit
-from ._quadric import COUNT, sphere_centre, unit
+from ._quadric import COUNT, unit
 from ._result import MagFit
 
 _FEWEST = 12  # number of readings from which the fit gives the advice; before, the largest gap between directions does

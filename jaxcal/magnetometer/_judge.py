@@ -29,23 +29,25 @@ def judged(asked: Asked, surface: Surface) -> MagFit:
     if model is None:
         return MagFit(None, Estimate((), np.zeros(0), np.zeros((0, 0))), np.full(2, np.inf), field, surface.noise, surface.residual, dip,
                       asked.method, "none", findings=surface.said)  # fmt: skip
-    condition, weakest = (np.nan, "the soft iron") if surface.joint or not host else _weakest(surface)
     matrices = [surface.matrix, *(np.outer(cause.step, cause.step) for cause in surface.causes)]
     error, *costs = heading_errors(model, field, surface.usual, dip, surface.down, matrices)
-    larger, said, cover = surface.larger, list(surface.said), None
+    larger, said, kind = surface.larger, list(surface.said), surface.joint or found.kind
     wide = 0.0 if larger is None else heading_errors(larger.model, larger.field, None, dip, None, [larger.matrix])[0][0]
+    held, spread = asked.norm is not None or surface.usual is not None, surface.matrix if surface.spread is None else surface.spread
+    wanted = needed(model, float(field), kind, spread) if host else np.zeros((0, 3))
+    way = attitude_in_words(wanted[0], float(dip), surface.down) if len(wanted) else "attitudes not yet seen"
+    cover = covered(surface.corrected) if host else None
+    condition, weakest = (np.nan, "the soft iron") if surface.joint or not host else _weakest(surface)
     if host:
-        cover = covered(surface.corrected)
         said += [] if surface.joint else _of_magnitudes(asked, surface, condition, weakest, float(error[0]), float(wide))
         said += _causes(surface, costs)
-    held, spread = asked.norm is not None or surface.usual is not None, surface.matrix if surface.spread is None else surface.spread
     # a field that the readings leave open may be of any size, the readings not
     quantity = quantity_of(np.nanmedian(np.abs(asked.m)) if host else field)
-    estimate, kind = _estimated(model, field, quantity, spread, surface.freedom, surface.further or {}, held), surface.joint or found.kind
+    estimate = _estimated(model, field, quantity, spread, surface.freedom, surface.further or {}, held)
     if host:
         size = field if surface.joint else surface.radius * surface.scale
         said += _about_residuals(surface.residual / size, float(surface.noise / size), surface.parts)
-        said += _about_heading(surface, estimate, kind, float(error[0]), weakest, said)
+        said += [] if any(one.code in _OPEN for one in said) else _about_heading(float(error[0]), weakest, way)
     about = {"used": len(surface.rows if surface.joint else surface.m), "condition": condition}
     return MagFit(
         model, estimate, error, field, surface.noise, surface.residual, dip, "joint" if surface.joint else asked.method, kind, cover,
@@ -103,7 +105,7 @@ def _of_magnitudes(asked: Asked, surface: Surface, condition: float, weakest: st
     """What to know about a surface of magnitudes: structure, size, and how certain its noise is. wide : error of a larger model."""
     found, size, norm = surface.found, float(surface.radius * surface.scale), asked.norm
     said: list[Finding] = []
-    if extents(Frame.of(surface.m).scaled(surface.m))[-1] < NEAR_PLANAR:
+    if extents(Frame.of(surface.m).in_frame(surface.m))[-1] < NEAR_PLANAR:
         said.append(FINDINGS("near_planar"))
     elif not np.isfinite(found.covariance).all() or FINDINGS.over("undetermined", condition, what=weakest):
         said.append(FINDINGS("undetermined", what=weakest))
@@ -129,13 +131,7 @@ def _about_residuals(distance: np.ndarray, scatter: float, parts: bool) -> list[
     return said + ([FINDINGS("correlated", size=100 * scatter)] if parts else [])
 
 
-def _about_heading(
-    surface: Surface, estimate: Estimate, kind: str, level: float, weakest: str, said: list[Finding]
-) -> list[Finding]:  # fmt: skip
+def _about_heading(level: float, weakest: str, way: str) -> list[Finding]:
     """A finding if the heading error is above a limit."""
-    if level <= _GOOD or any(one.code in _OPEN for one in said):
-        return []
-    wanted = needed(surface.model, float(surface.field), kind, np.asarray(estimate.matrix))
-    way = attitude_in_words(wanted[0], float(surface.dip), surface.down) if len(wanted) else "attitudes not yet seen"
-    limit = Quantity(max(limit for limit in FINDINGS["heading"].limits if level > limit), "angle")
+    limit = Quantity(max((limit for limit in FINDINGS["heading"].limits if level > limit), default=_GOOD), "angle")
     return FINDINGS.over("heading", level, limit=limit, what=weakest, attitude=way)

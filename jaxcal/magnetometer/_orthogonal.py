@@ -1,13 +1,11 @@
-"""Maximum likelihood of the readings of a surface: orthogonal distances, the curvature that noise sees, and a prior for few readings.
+"""Maximum likelihood of the readings of a surface: nearest points with all derivatives, the curvature that noise sees, and a prior.
 
-One function takes a surface of any kind to its fit, another an ellipsoid of the kind that the readings show.
-
-The steps of the fit are the same for every model, on the host and in a trace. Between rounds of them the noise gives the mean offset that
-it causes at the curved surface, and the weight of the prior: the entries of a soft iron depart from a multiple of the identity by 40 %.
-The prior's error is in the covariance. It matters where readings are so few and noisy that the fit would run off.
+A surface has one ellipsoid for all readings, or one for each. The steps of the fit are the same for every surface, on the host and in a
+trace. Between rounds of them the noise gives the mean offset that it causes at the curved surface, and the weight of the prior: the entries
+of a soft iron depart from a multiple of the identity by 40 %. The prior's error is in the covariance. It matters where readings are so few
+and noisy that the fit would run off.
 """
 
-import contextlib
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -16,16 +14,200 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..fitting._implicit import implicit
-from ..fitting._information import symmetric_inverse
-from . import _quadric as quadric
-from ._nearest import Ellipsoids, Near, repeated
-from ._quadric import COUNT, EXACT, NotEllipsoid, basis_of, inverse_of
+from ._quadric import basis_of
 
+_FOOT = 20  # most steps to a foot, which takes three near the surface
 CURVED = 0.02  # noise over radius above which the curvature term matters
 _STEPS = 128  # most of a fit
 SETTLED = 1e-7  # step in standard errors, and relative change of the noise, or of the degrees of freedom, that end the steps
-_FARTHEST = 1e3  # sizes of the log: an ellipsoid so large is a plane
 SOFT = 0.4  # spread of the entries of a soft iron about a multiple of the identity: the paper's sensor, the strongest known, has 0.3
+
+
+class Near(NamedTuple):
+    """Readings beside their surface.
+
+    distance : (n,). normal, field : (n, 3) unit normal, and unit field, at the nearest point. curvature : (n,) mean curvature. multiplier :
+    (n,) t of `foot`. corrected : (n, 3) the field of the reading itself over its magnitude. slopes : (n, p) of the distances by the
+    parameters.
+    """
+
+    distance: Any
+    normal: Any
+    field: Any
+    curvature: Any
+    multiplier: Any
+    corrected: Any
+    slopes: Any = None
+
+
+def times(v: Any, matrix: Any) -> Any:
+    """Rows (n, 3) times one matrix, or each times its own."""
+    return v @ matrix if matrix.ndim == 2 else v.__array_namespace__().einsum("ni,nij->nj", v, matrix)
+
+
+def inverted(matrix: Any) -> Any:
+    """Inverse of matrices (..., 3, 3) from cofactors, because LAPACK is slow on a batch of small matrices."""
+    cofactors, determinant = _cofactors(matrix)
+    return cofactors.swapaxes(-1, -2) / determinant[..., None, None]
+
+
+def _cofactors(matrix: Any) -> tuple[Any, Any]:
+    """Cofactors (..., 3, 3) and determinant, by cross products of the rows."""
+    join, (x, y, z) = matrix.__array_namespace__().concatenate, (matrix[..., :1], matrix[..., 1:2], matrix[..., 2:])
+    # slices, because what is looked up by numbers compiles slowly, and its derivative more slowly
+    one, two = (join([part[..., 1:, :], part[..., :1, :]], axis=-2) for part in (join([y, z, x], axis=-1), join([z, x, y], axis=-1)))
+    later = [join([part[..., 1:, :], part[..., :1, :]], axis=-2) for part in (one, two)]
+    cofactors = one * later[1] - two * later[0]
+    return cofactors, (matrix[..., 0, :] * cofactors[..., 0, :]).sum(axis=-1)
+
+
+def _eye(matrix: Any) -> Any:
+    """Identity matrices in the shape of others."""
+    return matrix.__array_namespace__().broadcast_to(np.eye(3, dtype=matrix.dtype), matrix.shape)
+
+
+def _pencil(shape: Any, z: Any) -> Any:
+    """y(t) = (I + t A)^-1 z as a function of t, for all rows of z: along the principal axes of one A, and without these for many."""
+    if isinstance(z, np.ndarray) and shape.ndim == 2:
+        values, vectors = np.linalg.eigh(shape)
+        return lambda t, vector: (vector @ vectors / (1 + t[:, None] * values)) @ vectors.T
+    # by the Cayley-Hamilton theorem, whose derivatives hold for equal eigenvalues too
+    square, trace = shape @ shape, shape.trace(axis1=-2, axis2=-1)
+    second = (trace**2 - square.trace(axis1=-2, axis2=-1)) / 2
+    adjugate = square - trace[..., None, None] * shape + second[..., None, None] * _eye(shape)
+    det = (shape[..., 0, :] * adjugate[..., :, 0]).sum(axis=-1)
+    trace, second, det = (x.reshape(-1, 1) for x in (trace, second, det))
+
+    def apply(t: Any, vector: Any) -> Any:
+        t = t[:, None]
+        numerator = vector + t * (trace * vector - times(vector, shape)) + t**2 * times(vector, adjugate)
+        return numerator / (1 + t * (trace + t * (second + t * det)))
+
+    return apply
+
+
+def _newton(apply: Any, shape: Any, z: Any, t: Any) -> Any:
+    """One Newton step in t on 1/sqrt(y'Ay) = 1, which is nearly linear in t, where y = y(t)."""
+    xp, y = z.__array_namespace__(), apply(t, z)
+    normal = times(y, shape)
+    g = (y * normal).sum(axis=1)
+    q = (normal * apply(t, normal)).sum(axis=1)
+    # Replace the inputs as well: at the centre of the ellipsoid all of these vanish.
+    g, q = xp.where(q > 0, g, 1.0), xp.where(q > 0, q, 1.0)
+    return t + g * (xp.sqrt(g) - 1) / q
+
+
+def _largest_eigenvalue(shape: Any) -> Any:
+    """Largest eigenvalue in closed form (O. K. Smith, Commun. ACM 4 (1961) 168), because a LAPACK call would cost more than a step."""
+    xp = shape.__array_namespace__()
+    mean = shape.trace(axis1=-2, axis2=-1) / 3
+    rest = shape - mean[..., None, None] * _eye(shape)
+    size = xp.sqrt((rest**2).sum(axis=(-2, -1)) / 6)
+    rest = rest / xp.where(size > 0, size, 1.0)[..., None, None]
+    cosine = xp.clip(_cofactors(rest)[1] / 2, -1, 1)
+    return mean + 2 * size * xp.cos(xp.arccos(cosine) / 3)
+
+
+def repeated(step: Callable[[Any], Any], state: Any, done: Callable[[Any], Any]) -> Any:
+    """`step` until `done`: a loop of Python for arrays of NumPy, and one of JAX in a trace."""
+    if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(state)):
+        return jax.lax.while_loop(lambda now: ~done(now), step, state)
+    while not done(state):
+        state = step(state)
+    return state
+
+
+def foot(shape: Any, z: Any, near: Any) -> tuple[Any, Any]:
+    """Multiplier t, z - y = t A y, of the nearest point y of x'Ax = 1 to each row of z, and y. near : t to start from."""
+    xp = z.__array_namespace__()
+    return _foot(shape, z, near) if xp is np else _differentiable(shape, z, jax.lax.stop_gradient(near))
+
+
+def _foot(shape: Any, z: Any, near: Any) -> tuple[Any, Any]:
+    """`foot` by Newton steps."""
+    xp, apply, lowest = z.__array_namespace__(), _pencil(shape, z), -1 / _largest_eigenvalue(shape)
+    # Each Newton step doubles the digits: half of them here, and the step after the loop gives the rest.
+    half = float(np.finfo(z.dtype).eps) ** 0.5
+
+    def again(carry: tuple) -> tuple:
+        i, t, _ = carry
+        new = _newton(apply, shape, z, t)
+        new = xp.where(new > lowest, new, (t + lowest) / 2)
+        return i + 1, new, (abs(new - t) <= half * (new - lowest)).all()
+
+    begin = (xp.asarray(0), xp.where(near > lowest, near, 0.0), xp.asarray(False))
+    _, t, _ = repeated(again, begin, lambda carry: (carry[0] >= _FOOT) | carry[2])
+    t = _newton(apply, shape, z, t)
+    return t, apply(t, z)
+
+
+_differentiable = jax.custom_jvp(_foot)
+
+
+@_differentiable.defjvp
+def _(values: tuple, changes: tuple) -> Any:
+    """From (I + t A) y = z and y'Ay = 1, for the change a of A: y'A dy = -y'a y / 2 and (I + t A) dy = dz - t a y - dt A y."""
+    (shape, z, near), (by_shape, by_z, _) = values, changes
+    t, y = _differentiable(shape, z, near)
+    normal, turned, apply = times(y, shape), times(y, by_shape), _pencil(shape, z)
+    steep, right = apply(t, normal), by_z - t[:, None] * turned
+    slope = (steep * normal).sum(axis=1)  # zero at the centre, where t has no derivative
+    by_t = ((steep * right).sum(axis=1) + (y * turned).sum(axis=1) / 2) / jnp.where(slope > 0, slope, 1.0)
+    return (t, y), (by_t, apply(t, right - by_t[:, None] * normal))
+
+
+def curvature(shape: Any, z: Any) -> Any:
+    r"""Mean curvature of the level set of x'Ax through each row of z: half the sum of the principal curvatures, 1/R on a sphere.
+
+    With the normal g = A z and T = tr A it is
+
+    .. math:: \kappa = \frac{T\,g^Tg - g^TAg}{2|g|^3}.
+    """
+    xp, normal = z.__array_namespace__(), times(z, shape)
+    square = (normal**2).sum(axis=1)
+    square = xp.where(square > 0, square, 1.0)  # the centre has no direction
+    bent = shape.trace(axis1=-2, axis2=-1) * square - (normal * times(normal, shape)).sum(axis=1)
+    return bent / (2 * square * xp.sqrt(square))
+
+
+def nearest(push: Any, z: Any, near: Any = None) -> Near:
+    """Readings z (n, 3) beside {P h : |h| = 1}, with one matrix P, or one for each reading. near : t of `foot` to start from."""
+    inverse = inverted(push)
+    back = inverse.swapaxes(-1, -2)
+    shape = back @ inverse
+    t, y = foot(shape, z, 0.0 * z[:, 0] if near is None else near)
+    normal = times(y, shape)
+    length = (normal**2).sum(axis=1) ** 0.5
+    return Near(t * length, normal / length[:, None], times(y, back), curvature(shape, z), t, times(z, back))
+
+
+def slopes_of(near: Near, basis: np.ndarray) -> Any:
+    """Derivative (n, p) of the distances of readings to an ellipsoid by its parameters."""
+    return -((near.normal[:, :, None] * near.field[:, None, :]).reshape(-1, 9) @ basis[:9] + near.normal @ basis[9:])
+
+
+class Ellipsoids(NamedTuple):
+    """The ellipsoids of a kind, for scaled readings (n, 3), the only `data`. basis : from the parameters to the entries of S and centre.
+
+    A surface of any kind has these members. size : the field in the unit of the readings over that of S.
+    """
+
+    data: tuple[Any, ...]
+    kind: str
+    basis: Any
+    size: Any = 1.0
+
+    @staticmethod
+    def of(u: Any, kind: str) -> "Ellipsoids":
+        return Ellipsoids((u,), kind, basis_of(kind).astype(u.dtype))
+
+    def near(self, x: Any, near: Near | None, u: Any) -> Near:
+        """Readings beside the surface of parameters x, and the slopes of their distances by these. near : beside one not far away."""
+        iron = self.basis @ x
+        found = nearest(iron[:9].reshape(3, 3), u - iron[9:][None], None if near is None else near.multiplier)
+        return found._replace(slopes=slopes_of(found, self.basis))
+
+    settled = near  # with derivatives, from readings beside the same surface
 
 
 class Weights(NamedTuple):
@@ -62,7 +244,7 @@ class Found(NamedTuple):
     converged: Any
     kind: str
     basis: Any
-    noise2: Any = 0.0
+    noise2: Any
 
 
 def penalties(basis: np.ndarray) -> np.ndarray:
@@ -173,13 +355,18 @@ def found_of(x: Any, near: Near, weights: Weights, basis: np.ndarray, converged:
     return Found(x, soft, centre, covariance, weights.noise, weights.freedom, left, near, converged, kind, basis, weights.noise2)
 
 
-def maximised(surface: Any, begin: Any, h: Any) -> Found:
+def maximised(surface: Any, begin: Any, h: Any, still: bool = False) -> Found:
     """The fit of a surface (see `Ellipsoids`) by `rounds` from parameters, and unit fields (n, 3) near which to begin.
 
-    In a trace it has a derivative: that of the root of the slope of the cost, with the variance of the noise as one more unknown.
+    still : keep the parameters, with the smallest covariance that the readings allow there (Cramer-Rao bound). In a trace the fit has a
+    derivative: that of the root of the slope of the cost, with the variance of the noise as one more unknown.
     """
     basis, kind, none = surface.basis, surface.kind, 0.0 * h[:, 0]
     near = Near(none, h, h, none, none, h, h)
+    if still:
+        near = surface.near(begin, near, *surface.data)
+        weights = weighed(begin, near, (0.0, 0.0), basis, surface.size)._replace(noise2=0.0, ridge=0.0)
+        return found_of(begin, near, weights, basis, True, kind)
     if isinstance(begin, np.ndarray):
         x, near, weights, converged = rounds(lambda x, near: surface.near(x, near, *surface.data), begin, near, basis, surface.size)
         return found_of(x, near, weights, basis, converged, kind)
@@ -200,91 +387,3 @@ def maximised(surface: Any, begin: Any, h: Any) -> Found:
     x, near = root[:-1], surface.settled(root[:-1], near, *surface.data)
     noise2, ridge = terms(x, root[-1], basis, surface.size)
     return found_of(x, near, weighed(x, near, (noise2, ridge), basis, surface.size), basis, converged > 0, kind)
-
-
-def fitted(u: Any, kind: str, near: Any = None) -> Found:
-    """The ellipsoid of a kind through scaled readings; near : entries (12,) of S and centre to start from.
-
-    In a trace nothing is chosen on the host.
-
-    Raises
-    ------
-    NotEllipsoid
-        If the readings lie on another quadric.
-    """
-    if near is not None:
-        begin = inverse_of(kind) @ near
-    else:
-        begin = quadric.host_start(u, kind) if isinstance(u, np.ndarray) else quadric.traced_start(jax.lax.stop_gradient(u), kind)
-    found = maximised(Ellipsoids.of(u, kind), begin, 0.0 * u)
-    if isinstance(u, np.ndarray) and not np.abs(found.parameters).max() < _FARTHEST:
-        raise NotEllipsoid("plane")
-    return found
-
-
-def by_method(u: np.ndarray, method: str, kind: str, near: Any) -> tuple[Found, Any]:
-    """The ellipsoid by another method, with the smallest covariance that the readings allow there (Cramer-Rao bound), and its bias."""
-    shape, centre = quadric.by_products(u, method)
-    surface, x, bias = Ellipsoids.of(u, kind), quadric.parameters_of(kind, quadric.soft_of(shape), centre), 0.0
-    beside = surface.near(x, None, u)
-    weights = weighed(x, beside, (0.0, 0.0), surface.basis, 1.0)._replace(noise2=0.0, ridge=0.0)
-    with contextlib.suppress(NotEllipsoid):
-        # what the paper's method has beside noise is a bias, as the terms that a smaller model leaves out
-        bias = surface.basis @ (fitted(u, kind, near).parameters - x) if method == "constrained" else bias
-    return found_of(x, beside, weights, surface.basis, True, kind), bias
-
-
-def likeliest(u: np.ndarray, distinct: int, near: Any, occupied: Callable[[Any], int]) -> tuple[Found, Found | None, np.ndarray]:
-    """The ellipsoid of the kind that scaled readings show, that of the largest kind, and the bias by what the first leaves out.
-
-    Kinds need more distinct readings than parameters. occupied : takes unit fields to the number of directions that count as one reading.
-    """
-    fits, failure, full, count = {}, None, None, 0
-    for kind in reversed(COUNT):
-        if distinct <= COUNT[kind]:
-            continue
-        if full is not None:
-            x, step = _smaller(full, kind)
-            margin = (COUNT[full.kind] - COUNT[kind]) * np.log(count)
-            # to first order in the step, which is the smallest in the covariance of the larger model
-            if _score(full.distance + full.near.slopes @ step, kind, count) > _score(full.distance, full.kind, count) + margin:
-                continue
-            near = basis_of(kind) @ x if (x[: COUNT[kind] - 3] > 0).all() else None
-        try:
-            fits[kind] = fitted(u, kind, near)
-        except NotEllipsoid as error:
-            failure = error
-            continue
-        if len(fits) == 1:
-            count = occupied(fits[kind].near.field)
-            full = fits[kind] if fits[kind].converged and np.isfinite(fits[kind].covariance).all() else None
-    if not fits:
-        raise failure or NotEllipsoid("quadric with more parameters than readings")
-    found = min(fits.values(), key=lambda one: _score(one.distance, one.kind, count))
-    return found, fits.get("symmetric"), _left_out(next(iter(fits.values())), found)
-
-
-def _smaller(full: Found, kind: str) -> tuple[np.ndarray, np.ndarray]:
-    """Parameters of a smaller kind nearest to a fit in its covariance: almost its fit where both models hold; and the step there."""
-    whiten, basis = symmetric_inverse(full.covariance), inverse_of(full.kind) @ basis_of(kind)
-    x = symmetric_inverse(basis.T @ whiten @ basis) @ (basis.T @ whiten @ full.parameters)
-    return x, basis @ x - full.parameters
-
-
-def _score(distance: Any, kind: str, count: int) -> float:
-    """The criterion n ln(mean d^2) + k ln n. n is the number of occupied bins of 500, because neighbours repeat one another."""
-    return float(count * np.log(max(np.mean(distance**2), EXACT**2)) + COUNT[kind] * np.log(count))
-
-
-def _left_out(largest: Found, chosen: Found) -> np.ndarray:
-    """Bias (12,) of S and centre of the chosen model due to the terms that it leaves out, as far as the largest model shows it.
-
-    A lack of evidence for these terms must not make the fit more certain. The step to the largest model is this bias plus noise, and noise
-    contributes one per parameter to the likelihood ratio (positive-part James and Stein).
-    """
-    more = COUNT[largest.kind] - COUNT[chosen.kind]
-    if not more or not np.isfinite(largest.covariance).all():
-        return np.zeros(12)  # the verdict reports that the largest model could not be tried
-    gain = float(np.sum(chosen.distance**2) - np.sum(largest.distance**2)) / max(largest.noise, 1e-300) ** 2
-    step = largest.basis @ largest.parameters - chosen.basis @ chosen.parameters
-    return np.sqrt(max(1 - more / max(gain, 1e-300), 0.0)) * step

@@ -13,7 +13,7 @@ from .._precision import host_float64
 from .._types import Array
 from ..fitting._problem import names_of
 from ._model import MagModel
-from ._nearest import Near, inverse_of, nearest, times
+from ._orthogonal import Near, inverted, nearest, times
 
 _ROWS = 512  # of a block: readings and directions of any number share one program
 
@@ -89,7 +89,7 @@ def changes_of(model: MagModel, field: Any, usual: dict[str, Any], across: Any, 
     directions = xp.asarray(directions, dtype=model.soft_iron.dtype)
     there = {name: xp.broadcast_to(value, (len(directions), *np.shape(value))) for name, value in usual.items()}
     _, push, slopes = looked(model, parts_of(model)[0], directions, field, there)
-    change = -xp.einsum("ni,nij,njp->np", across, inverse_of(push), slopes)
+    change = -xp.einsum("ni,nij,njp->np", across, inverted(push), slopes)
     return xp.concatenate([change[:, 9:12], change[:, :9], 0.0 * change[:, :1], change[:, 12:]], axis=1)
 
 

@@ -49,9 +49,9 @@ def inverse_of(kind: str) -> np.ndarray:
     return np.linalg.pinv(basis_of(kind))
 
 
-def parameters_of(kind: str, soft: Any, centre: Any) -> Any:
-    """Parameters of the given kind nearest to S and a centre."""
-    return inverse_of(kind).astype(soft.dtype) @ soft.__array_namespace__().concatenate([soft.ravel(), centre])
+def parameters_of(kind: str, iron: Any) -> Any:
+    """Parameters of the given kind nearest to entries (12,) of S and a centre."""
+    return inverse_of(kind).astype(iron.dtype) @ iron
 
 
 #: singular value of the centred readings over their size, 0.58 for a full sphere, below which they lie near a plane
@@ -69,7 +69,7 @@ class Frame(NamedTuple):
         centre = m.mean(axis=0)
         return Frame(centre, ((m - centre[None, :]) ** 2).sum(axis=1).mean() ** 0.5)
 
-    def scaled(self, m: Any) -> Any:
+    def in_frame(self, m: Any) -> Any:
         return (m - self.centre[None, :]) / self.scale
 
 
@@ -133,13 +133,6 @@ def ellipsoid_of(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     if values[-1] > 1e12 * values[0] or np.linalg.norm(x0) > 1e6:
         raise NotEllipsoid("paraboloid or a cylinder")
     return shape, x0
-
-
-def sphere_centre(m: np.ndarray) -> np.ndarray:
-    """Centre of the sphere through readings; if they do not determine one, the solution nearest to their mean."""
-    middle = m.mean(axis=0)
-    square = np.sum((m - middle) ** 2, axis=1)
-    return middle + np.linalg.lstsq(2.0 * (m - middle), square - square.mean(), rcond=3e-2)[0]
 
 
 def linear(u: Any, kind: str) -> Any:
@@ -233,22 +226,24 @@ def start(u: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
     raise reason or NotEllipsoid("quadric of another kind")
 
 
-def host_start(u: np.ndarray, kind: str) -> np.ndarray:
-    """Parameters of `start`."""
-    shape, centre = start(u, kind)
-    return parameters_of(kind, soft_of(shape), centre)
-
-
-def traced_start(u: Any, kind: str) -> Any:
-    """Parameters of the linear algebraic fit, or of the sphere if that fit is no ellipsoid: `start` without a choice on the host."""
+def traced_start(u: Any, kind: str) -> tuple[Any, Any]:
+    """Shape and centre of the linear algebraic fit, or of the sphere if that fit is no ellipsoid: `start` without a choice on the host."""
     best, sphere = (shape_of(linear(u, which)) for which in (kind, "sphere"))
     values = jnp.linalg.eigvalsh(jnp.where(jnp.isfinite(best[0]), best[0], -1.0))
     good = (values[0] > 1e-6 * values[-1]) & jnp.all(jnp.isfinite(best[1]))
     # if the sphere has no real points, use one about the readings' mean
     real = sphere[0][0, 0] > 0
     round_ = (jnp.where(real, sphere[0], jnp.eye(3, dtype=u.dtype)), jnp.where(real, sphere[1], 0.0))
-    shape, centre = (jnp.where(good, a, b) for a, b in zip(best, round_, strict=True))
-    return parameters_of(kind, soft_of(shape), centre)
+    return jnp.where(good, best[0], round_[0]), jnp.where(good, best[1], round_[1])
+
+
+def begun(u: Any, way: str) -> Any:
+    """Entries (12,) of S and centre from which to begin a kind by scaled readings, traced or not; or those by a method of `by_products`."""
+    if not isinstance(u, np.ndarray):
+        shape, centre = traced_start(u, way)
+    else:
+        shape, centre = start(u, way) if way in COUNT else by_products(u, way)
+    return u.__array_namespace__().concatenate([soft_of(shape).ravel(), centre])
 
 
 def away(found: tuple[np.ndarray, np.ndarray], u: np.ndarray) -> np.ndarray:
@@ -270,6 +265,8 @@ _SHARES, _ROUNDS = (0.97, 0.7), 4
 #: factor by which the trimmed fit must be closer than the plain one; robust standard deviations of a reading that is left out; their share,
 #: above which nothing is left out
 _CLOSER, _FAR, _MOST = 2.0, 6.0, 0.1
+#: standard deviations where a tail begins, how surely it is heavy; with fewer readings a parameter, normal noise seems so in 5 % of logs
+_TAIL, _SURE, _EACH = 2.5, 4.0, 4
 
 
 def spread_of(distance: np.ndarray) -> float:
@@ -356,7 +353,7 @@ def sound(m: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | No
         return everything, None
     u = (m - middle) / size
     vote = u[kept][_voters(u[kept])]
-    if len(vote) < least or extents(Frame.of(vote).scaled(vote))[-1] < NEAR_PLANAR:
+    if len(vote) < least or extents(Frame.of(vote).in_frame(vote))[-1] < NEAR_PLANAR:
         return kept, None
     plain = _tried(lambda: start(vote, "symmetric"), vote)
     # a fit without a reading that stands apart needs no other
@@ -370,22 +367,33 @@ def sound(m: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | No
 
 
 class Chosen(NamedTuple):
-    """Readings to fit: their numbers, themselves, the ellipsoid near them (shape, centre) if one is known, and how many were saturated."""
+    """Readings to fit: numbers, themselves, frame, how many were saturated, S and centre (12,) near them, whether their tail is heavy."""
 
     rows: np.ndarray
     m: Any
-    near: tuple[np.ndarray, np.ndarray] | None
-    full: int
+    frame: Frame
+    full: int = 0
+    near: Any = None
+    heavy: bool = False
 
 
-def chosen(m: Any, everything: bool = False) -> Chosen:
-    """The readings to fit: without spikes, repeats and saturated ones, thinned if many; or all."""
+def chosen(m: Any, everything: str = "") -> Chosen:
+    """The readings to fit: without spikes, repeats and saturated ones, thinned if many; or all, for a fit of the kind `everything`."""
     if everything:
-        return Chosen(np.arange(len(m)), m, None, 0)
+        frame, near = Frame.of(m), None
+        with contextlib.suppress(NotEllipsoid):
+            near = begun(frame.in_frame(m), everything)
+        return Chosen(np.arange(len(m)), m, frame, near=near)
     full = clipped(m)
     used = np.flatnonzero(~full & ~held(m))
     kept, near = sound(m[used])
     used = used[kept]
     if len(used) > LONG:
         used = used[thinned(m[used])]
-    return Chosen(used, m[used], near, int(full.sum()))
+    found = Chosen(used, m[used], Frame.of(m[used]), int(full.sum()))
+    if near is None:
+        return found
+    u, shape, centre = found.frame.in_frame(m[used]), near[0] * found.frame.scale**2, (near[1] - found.frame.centre) / found.frame.scale
+    ratio, usual = away((shape, centre), u), scipy.special.erfc(_TAIL / np.sqrt(2)) * len(u)
+    heavy = len(u) >= _EACH * COUNT["symmetric"] and np.sum(ratio > _TAIL * spread_of(ratio)) > usual + _SURE * np.sqrt(usual)
+    return found._replace(near=np.append(soft_of(shape), centre), heavy=bool(heavy))

@@ -8,29 +8,26 @@ A model object is fitted as the built-in models are. Field magnitudes do not det
 symmetric S, which is fitted, and the rotation Q of the start, which is kept. All other floating leaves are fitted unchanged.
 """
 
-import contextlib
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-import scipy  # loads its parts when they are first used
 
 from .._answer import Finding
+from ..fitting._information import symmetric_inverse
 from ..fitting._serial import BLOCKS, CHANCE, by_parts, followed, span_of
 from . import _quadric as quadric
 from ._aids import Asked
 from ._directions import bins
 from ._findings import FINDINGS
 from ._model import MagModel
-from ._nearest import Ellipsoids, nearest, slopes_of
-from ._orthogonal import Found, by_method, fitted, likeliest, maximised
+from ._orthogonal import Ellipsoids, Found, maximised, nearest, slopes_of
 from ._own_model import Measured
-from ._quadric import COUNT, EXACT, NEAR_PLANAR, SYMMETRIC, UPPER, Chosen, Frame, NotEllipsoid, basis_of, unit
+from ._quadric import COUNT, EXACT, NEAR_PLANAR, SYMMETRIC, UPPER, Chosen, Frame, NotEllipsoid, basis_of, begun, inverse_of, unit
 
-#: constant of Tukey's biweight, 95 % efficient with normal noise; standard deviations where its tail begins, how surely it is too heavy,
-#: and rounds; with fewer readings a parameter, residuals of normal noise look heavy in 5 % of logs
-_TUKEY, _TAIL, _SURE, _ROUNDS, _EACH = 4.685, 2.5, 4.0, 4, 4
+_TUKEY, _ROUNDS = 4.685, 4  # constant of Tukey's biweight, 95 % efficient with normal noise; rounds
 FAST, BENT = "rate of turn", "nonlinearity"
+_FARTHEST = 1e3  # sizes of the log: an ellipsoid so large is a plane
 _FEWEST = 80  # readings for which the correlation time is known well enough
 
 
@@ -86,14 +83,137 @@ class Surface(NamedTuple):
     alignment: Any = None
 
 
+class _Ready(NamedTuple):
+    """Readings (n, 3) ready to fit, their frame and themselves in it; entries (12,) of S and centre near them; how many are distinct.
+
+    own : surfaces of a model object, with the parameters and the unit fields near which to begin.
+    """
+
+    m: Any
+    frame: Frame
+    u: Any
+    near: Any = None
+    count: int = 0
+    own: tuple[Measured, Any, Any] | None = None
+
+
 def surface_of(asked: Asked, picked: Chosen) -> Surface:
     """The surface through the chosen readings, the finding why there is none, or their plane."""
-    one = _of_kind(asked, picked) if asked.parts is None else _of_object(asked, picked.m)
+    ready = _prepared(asked, picked)
+    one = ready if isinstance(ready, Surface) else _fitted(asked, picked, ready)
     if asked.traced:
         return one._replace(matrix=between(one.slopes, one.found.covariance), freedom=float(len(one.m) - one.found.parameters.size))
     clipped = (FINDINGS("clipped", count=picked.full),) if picked.full else ()
     one = one._replace(rows=picked.rows, said=(*clipped, *one.said))
     return one if one.found is None else _uncertain(one, asked.conditions)
+
+
+def _prepared(asked: Asked, picked: Chosen) -> _Ready | Surface:
+    """The chosen readings in their frame, without a heavy tail; or the finding why they show no surface, or their plane."""
+    m, frame, near, auto = picked.m, picked.frame, picked.near, asked.method == "ml" and asked.model in ("auto", "planar")
+    if asked.parts is not None:
+        return _Ready(m, frame, m, near, own=_object(asked, m, frame, near))
+    if asked.traced:
+        return _Ready(m, frame, frame.in_frame(m), near)
+    count = _distinct(m)
+    least = "sphere" if auto else "symmetric" if asked.model == "auto" else asked.model
+    if count <= COUNT[least] or frame.scale < EXACT * np.abs(m).max():
+        return Surface(said=(FINDINGS("few", count=count, model=least, least=COUNT[least] + 1),))
+    if picked.heavy:
+        m, iron = _calmed(m, frame, near)
+        frame = Frame.of(m)
+        near = (iron - np.append(np.zeros(9), frame.centre)) / frame.scale
+    u = frame.in_frame(m)
+    spread = quadric.extents(u)
+    if spread[1] < NEAR_PLANAR:
+        return Surface(said=(FINDINGS("line"),))
+    if asked.model == "planar" or (spread[2] < NEAR_PLANAR and auto):
+        normal = np.linalg.svd(u, full_matrices=False)[2][2]
+        return Surface(plane=normal * np.sign(normal[np.argmax(np.abs(normal))]))
+    return _Ready(m, frame, u, near, count)
+
+
+def _fitted(asked: Asked, picked: Chosen, ready: _Ready) -> Surface:
+    """The surface of the model asked for or, of the kinds that the largest does not exclude, of that which the readings show.
+
+    Kinds need more distinct readings than parameters. Beside the fit by another method, that of maximum likelihood shows its bias.
+    """
+    u, failure, auto = ready.u, "quadric with more parameters than readings", asked.method == "ml" and asked.model == "auto"
+    fits, full, count, near = {}, None, 0, ready.near
+    kinds = [kind for kind in reversed(COUNT) if ready.count > COUNT[kind]] if auto else ["symmetric" if ready.own else asked.model]
+    ways = {"consistent": ["consistent"], "constrained": ["symmetric", "constrained"]}.get(asked.method, kinds)
+    for way in ways:
+        kind = way if way in COUNT else "symmetric"
+        if full is not None:
+            x, step = _smaller(full, kind)
+            margin = (COUNT[full.kind] - COUNT[kind]) * np.log(count)
+            # to first order in the step, which is the smallest in the covariance of the larger model
+            if _score(full.distance + full.near.slopes @ step, kind, count) > _score(full.distance, full.kind, count) + margin:
+                continue
+            near = basis_of(kind) @ x if (x[: COUNT[kind] - 3] > 0).all() else None
+        try:
+            iron = begun(u, way) if not ready.own and (near is None or way != kind) else near
+        except NotEllipsoid as error:
+            failure = error.quadric
+            continue
+        surface, begin, h = ready.own or (Ellipsoids.of(u, kind), quadric.parameters_of(kind, iron), 0.0 * u)
+        found = maximised(surface, begin, h, way != kind)
+        if not ready.own and not asked.traced and way == kind and not np.abs(found.parameters).max() < _FARTHEST:
+            failure = "plane"
+            continue
+        fits[way] = found
+        if auto and len(fits) == 1:
+            count = _occupied(found.near.field)
+            full = found if found.converged and np.isfinite(found.covariance).all() else None
+    if ready.own is not None:
+        return _of_object(asked, ready.own[0], found)
+    if not fits or (not auto and ways[-1] not in fits):
+        return Surface(said=(FINDINGS("no_ellipsoid", quadric=failure),))
+    found = min(fits.values(), key=lambda one: _score(one.distance, one.kind, count)) if auto else fits[ways[-1]]
+    one = ellipsoid(found, ready.frame, asked.norm)._replace(m=ready.m)
+    if asked.traced:
+        return one
+    # all readings, as they are, beside the surface of those that were fitted
+    same, everything = ready.m is picked.m and len(ready.m) == len(asked.there), asked.m[asked.there]
+    beside = found.near if same else nearest(found.soft, ready.frame.in_frame(everything) - found.centre[None])
+    one = one._replace(
+        unseen=one.through @ _left_out(next(iter(fits.values())) if auto else fits.get("symmetric", found), found),
+        corrected=one.field * beside.corrected, residual=(beside.distance - found.noise2 * beside.curvature) * one.scale,
+    )  # fmt: skip
+    largest = fits.get("symmetric")
+    if not auto or found is largest:
+        return one
+    wide = one._replace(matrix=np.full((13, 13), np.inf))  # as long as the largest model is not known
+    if largest is not None and largest.converged:
+        wide = ellipsoid(largest, ready.frame, None)
+        wide = wide._replace(matrix=between(wide.slopes, largest.covariance))
+    return one._replace(larger=wide)
+
+
+def _smaller(full: Found, kind: str) -> tuple[np.ndarray, np.ndarray]:
+    """Parameters of a smaller kind nearest to a fit in its covariance: almost its fit where both models hold; and the step there."""
+    whiten, basis = symmetric_inverse(full.covariance), inverse_of(full.kind) @ basis_of(kind)
+    x = symmetric_inverse(basis.T @ whiten @ basis) @ (basis.T @ whiten @ full.parameters)
+    return x, basis @ x - full.parameters
+
+
+def _score(distance: Any, kind: str, count: int) -> float:
+    """The criterion n ln(mean d^2) + k ln n. n is the number of occupied bins of 500, because neighbours repeat one another."""
+    return float(count * np.log(max(np.mean(distance**2), EXACT**2)) + COUNT[kind] * np.log(count))
+
+
+def _left_out(largest: Found, chosen: Found) -> np.ndarray:
+    """Bias (12,) of S and centre of the chosen model due to the terms that it leaves out, as far as the largest model shows it.
+
+    A lack of evidence for these terms must not make the fit more certain. The step to the largest model is this bias plus noise, and noise
+    contributes one per parameter to the likelihood ratio (positive-part James and Stein). What a method has beside noise is a bias, too.
+    """
+    more = COUNT[largest.kind] - COUNT[chosen.kind]
+    if more and not np.isfinite(largest.covariance).all():
+        return np.zeros(12)  # the verdict reports that the largest model could not be tried
+    gain = float(np.sum(chosen.distance**2) - np.sum(largest.distance**2)) / max(largest.noise, 1e-300) ** 2
+    step = largest.basis @ largest.parameters - chosen.basis @ chosen.parameters
+    return np.sqrt(max(1 - more / max(gain, 1e-300), 0.0)) * step
 
 
 def _uncertain(one: Surface, conditions: dict[str, np.ndarray]) -> Surface:
@@ -146,55 +266,6 @@ def between(slopes: Any, covariance: Any) -> Any:
     return xp.where(known, slopes @ xp.where(known, covariance, 0.0) @ slopes.T, xp.inf)
 
 
-def _of_kind(asked: Asked, picked: Chosen) -> Surface:
-    """The surface of a built-in model through chosen readings, and all readings beside it."""
-    m, method, model, norm, everything = picked.m, asked.method, asked.model, asked.norm, asked.m[asked.there]
-    frame = Frame.of(m)
-    if asked.traced:
-        u = frame.scaled(m)
-        return ellipsoid(fitted(u, model), frame, norm)._replace(m=m)
-    count, near, unseen, largest = _distinct(m), None, 0.0, None
-    least = "sphere" if model in ("auto", "planar") and method == "ml" else "symmetric" if model == "auto" else model
-    if count <= COUNT[least] or frame.scale < EXACT * np.abs(m).max():
-        return Surface(said=(FINDINGS("few", count=count, model=least, least=COUNT[least] + 1),))
-    if picked.near is not None:
-        m, iron = _calmed(m, frame, *picked.near)
-        frame = Frame.of(m)
-        near = (iron - np.append(np.zeros(9), frame.centre)) / frame.scale
-    u = frame.scaled(m)
-    spread = quadric.extents(u)
-    if spread[1] < NEAR_PLANAR:
-        return Surface(said=(FINDINGS("line"),))
-    if model == "planar" or (spread[2] < NEAR_PLANAR and model == "auto" and method == "ml"):
-        normal = np.linalg.svd(u, full_matrices=False)[2][2]
-        return Surface(plane=normal * np.sign(normal[np.argmax(np.abs(normal))]))
-    try:
-        if method != "ml":
-            found, unseen = by_method(u, method, least, near)
-        elif model != "auto":
-            found = fitted(u, model, near)
-        else:
-            found, largest, unseen = likeliest(u, count, near, _occupied)
-    except NotEllipsoid as error:
-        return Surface(said=(FINDINGS("no_ellipsoid", quadric=error.quadric),))
-    # all readings, as they are, beside the surface of those that were fitted
-    same = len(picked.m) == len(everything) and m is picked.m
-    whole = u if same else frame.scaled(everything)
-    beside = found.near if same else nearest(found.soft, whole - found.centre[None])
-    one = ellipsoid(found, frame, norm)
-    one = one._replace(
-        m=m, unseen=one.through @ (unseen + np.zeros(12)), corrected=one.field * beside.corrected,
-        residual=(beside.distance - found.noise2 * beside.curvature) * frame.scale,
-    )  # fmt: skip
-    if model != "auto" or method != "ml" or found is largest:
-        return one
-    wide = one._replace(matrix=np.full((13, 13), np.inf))  # as long as the largest model is not known
-    if largest is not None and largest.converged:
-        wide = ellipsoid(largest, frame, None)
-        wide = wide._replace(matrix=between(wide.slopes, largest.covariance))
-    return one._replace(larger=wide)
-
-
 def _occupied(field: np.ndarray) -> int:
     """Number of bins, of 500, that contain a unit field."""
     return int(np.count_nonzero(np.bincount(bins(unit(field)))))
@@ -233,37 +304,33 @@ def _distinct(m: np.ndarray) -> int:
     return few if few > COUNT["symmetric"] else len(np.unique(m, axis=0))
 
 
-def _calmed(m: np.ndarray, frame: Frame, shape: np.ndarray, centre: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Readings whose distances d from an ellipsoid near them are psi(d) / mean(psi'), if these have too heavy a tail; psi is Tukey's.
+def _calmed(m: np.ndarray, frame: Frame, near: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Readings whose distances d from an ellipsoid near them, with a heavy tail, are psi(d) / mean(psi'); psi is Tukey's.
 
-    Also the entries (12,) of S and the centre of that ellipsoid.
+    near : entries (12,) of S and centre of that ellipsoid in the frame. Also those of the ellipsoid to which this leads, in their unit.
 
     Least squares of these pseudo-values is the redescending fit, and their scatter gives its covariance (P. J. Huber and E. M. Ronchetti,
     Robust Statistics, 2009, section 7.8). Normal noise needs none of this.
     """
-    near, basis, u = (shape * frame.scale**2, (centre - frame.centre) / frame.scale), basis_of("symmetric"), frame.scaled(m)
-    x, ratio = quadric.parameters_of("symmetric", quadric.soft_of(near[0]), near[1]), quadric.away(near, u)
-    usual = scipy.special.erfc(_TAIL / np.sqrt(2)) * len(u)
-    if len(u) >= _EACH * COUNT["symmetric"] and np.sum(ratio > _TAIL * quadric.spread_of(ratio)) > usual + _SURE * np.sqrt(usual):
-        for _ in range(_ROUNDS):
-            one = Ellipsoids.of(u, "symmetric").near(x, None, u)
-            square = np.minimum((one.distance / (_TUKEY * quadric.spread_of(np.abs(one.distance)))) ** 2, 1.0)
-            pulled = one.distance * (1 - square) ** 2 / np.mean((1 - square) * (1 - 5 * square))
-            m = frame.centre + frame.scale * (u - one.normal * (one.distance - pulled)[:, None])
-            x = x + np.linalg.lstsq(-one.slopes, pulled, rcond=None)[0]
-    return m, frame.scale * (basis @ x) + np.append(np.zeros(9), frame.centre)
+    u, x, surface = frame.in_frame(m), quadric.parameters_of("symmetric", near), Ellipsoids.of(frame.in_frame(m), "symmetric")
+    for _ in range(_ROUNDS):
+        one = surface.near(x, None, u)
+        square = np.minimum((one.distance / (_TUKEY * quadric.spread_of(np.abs(one.distance)))) ** 2, 1.0)
+        pulled = one.distance * (1 - square) ** 2 / np.mean((1 - square) * (1 - 5 * square))
+        m = frame.centre + frame.scale * (u - one.normal * (one.distance - pulled)[:, None])
+        x = x + np.linalg.lstsq(-one.slopes, pulled, rcond=None)[0]
+    return m, frame.scale * (surface.basis @ x) + np.append(np.zeros(9), frame.centre)
 
 
-def _of_object(asked: Asked, m: Any) -> Surface:
-    """The surface of a model object through readings (n, 3), on the host or in a trace, from the algebraic fit, or else from its values."""
-    model, field, conditions, (given, names, put) = asked.model, asked.norm, asked.conditions, asked.parts
-    xp, kind, frame = m.__array_namespace__(), m.dtype, Frame.of(m)
+def _object(asked: Asked, m: Any, frame: Frame, near: Any) -> tuple[Measured, Any, Any]:
+    """The surfaces of a model object; parameters to begin with, of the algebraic fit or else of its values, and unit fields (n, 3)."""
+    field, (given, _, _) = asked.norm, asked.parts
+    xp, kind = m.__array_namespace__(), m.dtype
     left, values, right = xp.linalg.svd(given[:9].reshape(3, 3))
     turn, soft, hard, more = left @ right, (left * values[None]) @ left.T, given[9:12], given.size - 12
     norm = xp.median(xp.linalg.norm(m - hard[None], axis=1)) if field is None else field
-    with contextlib.suppress(NotEllipsoid):
-        begun = (quadric.host_start if xp is np else quadric.traced_start)(frame.scaled(m), "symmetric")
-        iron = frame.scale * (basis_of("symmetric") @ begun)
+    if near is not None:
+        iron = frame.scale * near
         norm = radius_of(iron[:9].reshape(3, 3)) if field is None else field
         soft, hard = iron[:9].reshape(3, 3) / norm, frame.centre + iron[9:]
     basis = np.concatenate([basis_of("symmetric"), np.zeros((12, more))], axis=1).astype(kind)
@@ -271,15 +338,21 @@ def _of_object(asked: Asked, m: Any) -> Surface:
     to_leaves = xp.concatenate([
         xp.concatenate([symmetric, xp.zeros((9, 3 + more), dtype=kind)], axis=1), xp.eye(3 + more, 9 + more, 6, dtype=kind)
     ])  # fmt: skip
-    structure = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), model)
+    structure = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), asked.model)
     h = (m - hard[None]) @ xp.linalg.inv(soft @ turn).T
     h = h / (h**2).sum(axis=1, keepdims=True) ** 0.5
-    begin = xp.concatenate([soft[UPPER], hard, given[12:]])
-    found = maximised(Measured(structure, (m, norm, conditions, to_leaves), type(model).__name__, basis, norm), begin, h)
-    leaves = to_leaves @ found.parameters
+    surface = Measured(structure, (m, norm, asked.conditions, to_leaves), type(asked.model).__name__, basis, norm)
+    return surface, xp.concatenate([soft[UPPER], hard, given[12:]]), h
+
+
+def _of_object(asked: Asked, surface: Measured, found: Found) -> Surface:
+    """The surface of a model object, traced or not."""
+    (m, norm, conditions, to_leaves), (_, names, put) = surface.data, asked.parts
+    xp = m.__array_namespace__()
+    leaves, by_field = to_leaves @ found.parameters, 0.0 * to_leaves[:1]
     return Surface(
-        found=found, model=put(leaves), field=norm, residual=found.distance, noise=found.noise, m=m,
-        slopes=xp.concatenate([to_leaves[np.r_[9:12, 0:9]], xp.zeros((1, 9 + more), dtype=kind), to_leaves[12:]]), radius=norm,
+        found=found, model=put(leaves), field=norm, residual=found.distance, noise=found.noise, m=m, radius=norm,
+        slopes=xp.concatenate([to_leaves[np.r_[9:12, 0:9]], by_field, to_leaves[12:]]),
         corrected=norm * found.near.corrected, further=dict(zip(names, leaves[12:], strict=True)),
         usual={name: xp.median(value, axis=0) for name, value in conditions.items()},
     )  # fmt: skip

@@ -7,7 +7,7 @@ import pytest
 import scipy.optimize
 
 from jaxcal.magnetometer import MagModel, residuals
-from jaxcal.magnetometer._nearest import curvature
+from jaxcal.magnetometer._orthogonal import curvature
 
 from . import cases
 

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from jaxcal.magnetometer import _orthogonal, fit
+from jaxcal.magnetometer import _surface, fit
 from jaxcal.magnetometer._quadric import thinned
-from jaxcal.magnetometer._surface import _occupied
 
 from . import cases
 
@@ -47,12 +46,12 @@ def test_thinning_is_even_over_cells_and_over_time():
 
 
 def test_models_that_the_largest_excludes_are_not_tried(monkeypatch):
-    tried, fitted = [], _orthogonal.fitted
-    monkeypatch.setattr(_orthogonal, "fitted", lambda u, kind, near=None: tried.append(kind) or fitted(u, kind, near))
+    tried, maximised = [], _surface.maximised
+    monkeypatch.setattr(_surface, "maximised", lambda surface, *more: tried.append(surface.kind) or maximised(surface, *more))
     for soft, left in (("symmetric", {"symmetric"}), ("sphere", {"symmetric", "diagonal", "sphere"})):
         sensor = cases.MILD if soft == "symmetric" else None
         u = cases.directions(300, 3)
         m = cases.readings(sensor, u, 0.01, 0) if sensor is not None else u + 0.01 * np.random.default_rng(0).normal(size=u.shape)
         tried.clear()
-        _orthogonal.likeliest(m - m.mean(axis=0), 300, None, _occupied)
+        fit(m)
         assert set(tried) == left
