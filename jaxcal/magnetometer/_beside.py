@@ -20,7 +20,7 @@ from ._directions import INCLINATION
 from ._findings import AGREE, FINDINGS
 from ._model import MagModel
 from ._quadric import NEAR_PLANAR, Frame, extents, unit
-from ._surface import Surface, iron_slopes
+from ._surface import Surface
 
 #: rad between verticals of one pose, ten times the scatter of an accelerometer by hand; usual steps between its readings: 1 in 10,000 of
 #: those with normal noise is farther off
@@ -212,7 +212,7 @@ def _together(asked: Asked, surface: Surface, at: Attitudes, log: _Readings) -> 
         raise DataError(f"{count} readings with the {NAMES[at.source]} are left; at least {FEWEST} are needed.", code="few_readings")
     u, at = log.frame.in_frame(x), at._replace(up=up, heading=heading, rows=rows)
     dip = asked.dip if asked.known else None
-    aim, usable, scale = INCLINATION if dip is None else dip, _usable(surface), log.frame.scale
+    aim, usable, scale = INCLINATION if dip is None else dip, _usable(surface, log.norm is not None), log.frame.scale
     model = surface.model
     begin = (model.soft_iron * surface.field / scale, (model.hard_iron - log.frame.centre) / scale) if usable else _round(u, aim)
     axes = _axes(unit((u - begin[1]) @ np.linalg.inv(begin[0]).T), at, aim, usable)
@@ -233,14 +233,15 @@ def _together(asked: Asked, surface: Surface, at: Attitudes, log: _Readings) -> 
     return axes, solved(u, at, (begin[0] @ base, begin[1]), base, held, known, currents, noise)
 
 
-def _usable(surface: Surface) -> bool:
+def _usable(surface: Surface, given: bool) -> bool:
     """Whether the readings that the surface corrects are so well known that they show axes, and a fit begins with them."""
     if surface.found is None or not surface.found.converged or not np.isfinite(surface.matrix).all():
         return False
-    # a change db + H dC u of the reading of a unit field u changes the corrected one by its product with (C H)^-1
+    # a change db + dM u of the reading of a unit field u, with M = C H, changes the corrected one by its product with M^-1; H turns nothing
     inverse, u = np.linalg.inv(surface.model.soft_iron * surface.field), unit(surface.corrected[surface.rows])
-    by_soft = surface.field * (inverse[None, :, :, None] * u[:, None, None, :]).reshape(-1, 9)
-    rows = np.concatenate([np.tile(inverse, (len(u), 1)), by_soft], axis=1)
+    by_whole = (inverse[None, :, :, None] * u[:, None, None, :]).reshape(-1, 9)
+    by_whole = by_whole if given else by_whole - u.reshape(-1, 1) * inverse.T.ravel() / 3
+    rows = np.concatenate([by_whole, np.tile(inverse, (len(u), 1))], axis=1)
     return bool(3 * np.mean(np.sum((rows @ surface.matrix[:12, :12]) * rows, axis=1)) <= _LOOSE**2)
 
 
@@ -328,22 +329,23 @@ def _joint(asked: Asked, surface: Surface, at: Attitudes, log: _Readings, found:
             said += FINDINGS.over("dip_differs", abs(other - dip), found=Quantity(other, "angle"), given=Quantity(dip, "angle"))
     if norm is not None and asked.field_error is not None and surface.model is not None:
         mean = float(np.cbrt(np.linalg.det(surface.model.soft_iron)) * surface.field)
-        doubt = np.hypot(asked.field_error, np.sqrt(surface.matrix[3, 3]))
+        doubt = np.hypot(asked.field_error, np.sqrt(surface.matrix[0, 0]) / norm)
         said += FINDINGS.over("contradicts", abs(np.log(mean / norm)) / doubt, found=mean, given=norm)
     if not found.converged:
         said.append(FINDINGS("not_converged", what="the soft iron"))
     if dip is None and source not in ("accel", "attitude", "headings"):
         said.append(FINDINGS("dip_assumed", dip=Quantity(INCLINATION, "angle")))
     kind = {"": "symmetric", "plane": "planar"}.get(source, "full")
-    matrix = _spread(found, frame.scale, whole, field, norm is not None, log.size)
+    kept, size = np.r_[0:12, 18 : len(found.parameters)], np.append(np.ones(12), 1 / np.repeat(log.size, 3))  # C, b, K
+    matrix = found.covariance[np.ix_(kept, kept)] * frame.scale**2 * np.outer(size, size)
     # where the currents are none, the hard iron has the error of their fields
     move = np.eye(len(matrix))
-    move[:3, 13:] = -np.kron(log.nearest, np.eye(3))
-    spread, matrix = move @ matrix @ move.T, matrix[:13, :13]
+    move[9:12, 12:] = -np.kron(log.nearest, np.eye(3))
+    spread, matrix = move @ matrix @ move.T, matrix[:12, :12]
     if own:
         model = eqx.tree_at(lambda m: (m.soft_iron, m.hard_iron), surface.model, (model.soft_iron, model.hard_iron))
-        known, count = surface.matrix[13:, 13:], len(spread)
-        order = np.r_[0:13, count : count + len(known), 13:count]
+        known, count = surface.matrix[12:, 12:], len(spread)
+        order = np.r_[0:12, count : count + len(known), 12:count]
         spread = scipy.linalg.block_diag(spread, known)[np.ix_(order, order)]
         matrix = scipy.linalg.block_diag(matrix, known)
     return surface._replace(
@@ -353,17 +355,6 @@ def _joint(asked: Asked, surface: Surface, at: Attitudes, log: _Readings, found:
         down=down, alignment=turn,
         further=(surface.further or {}) | {f"currents.{name}[{i}]": terms[j, i] for j, name in enumerate(asked.currents) for i in range(3)},
     )  # fmt: skip
-
-
-def _spread(found: Any, scale: float, whole: np.ndarray, field: float, given: bool, size: np.ndarray) -> np.ndarray:
-    """Covariance of hard iron, soft iron, field and the fields of currents from that of the scaled solution."""
-    count = len(found.parameters) - 18
-    kept = np.r_[0:12, 18 : 18 + count]  # C, b, K
-    matrix = found.covariance[np.ix_(kept, kept)] * scale**2
-    slopes = np.zeros((13 + count, 12 + count))
-    slopes[:13, :12] = iron_slopes(whole, field, given)
-    slopes[13:, 12:] = np.diag(1 / np.repeat(size, 3))
-    return slopes @ matrix @ slopes.T
 
 
 def _alignment(found: Solution, source: str) -> Alignment:

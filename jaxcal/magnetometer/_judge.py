@@ -15,7 +15,7 @@ from ._findings import FINDINGS
 from ._model import MagModel
 from ._quadric import NEAR_PLANAR, SYMMETRIC, UPPER, Frame, extents, outliers, unit
 from ._result import HARD, SOFT, MagFit, quantity_of
-from ._surface import BENT, FAST, Surface
+from ._surface import BENT, FAST, Surface, between
 
 #: findings beside which a heading error means nothing
 _OPEN = ("not_judged", "undetermined", "near_planar", "no_ellipsoid", "not_converged")
@@ -29,11 +29,14 @@ def judged(asked: Asked, surface: Surface) -> MagFit:
     if model is None:
         return MagFit(None, Estimate((), np.zeros(0), np.zeros((0, 0))), np.full(2, np.inf), field, surface.noise, surface.residual, dip,
                       asked.method, "none", findings=surface.said)  # fmt: skip
-    matrices = [surface.matrix, *(np.outer(cause.step, cause.step) for cause in surface.causes)]
-    error, *costs = heading_errors(model, field, surface.usual, dip, surface.down, matrices)
     larger, said, kind = surface.larger, list(surface.said), surface.joint or found.kind
-    wide = 0.0 if larger is None else heading_errors(larger.model, larger.field, None, dip, None, [larger.matrix])[0][0]
-    held, spread = asked.norm is not None or surface.usual is not None, surface.matrix if surface.spread is None else surface.spread
+    held = asked.norm is not None or surface.usual is not None
+    matrices = [surface.matrix, *(np.outer(cause.step, cause.step) for cause in surface.causes)]
+    matrices = [_of_iron(model, field, held, one) for one in matrices]
+    spread = matrices[0] if surface.spread is None else _of_iron(model, field, held, surface.spread)
+    wide = None if larger is None else _of_iron(larger.model, larger.field, False, larger.matrix)
+    error, *costs = heading_errors(model, field, surface.usual, dip, surface.down, matrices)
+    wide = 0.0 if larger is None else heading_errors(larger.model, larger.field, None, dip, None, [wide])[0][0]
     wanted = needed(model, float(field), kind, spread) if host else np.zeros((0, 3))
     way = attitude_in_words(wanted[0], float(dip), surface.down) if len(wanted) else "attitudes not yet seen"
     cover = covered(surface.corrected) if host else None
@@ -53,6 +56,17 @@ def judged(asked: Asked, surface: Surface) -> MagFit:
         model, estimate, error, field, surface.noise, surface.residual, dip, "joint" if surface.joint else asked.method, kind, cover,
         surface.down, surface.alignment, findings=tuple(said), _about=about | ({} if surface.usual is None else {"usual": surface.usual}),
     )  # fmt: skip
+
+
+def _of_iron(model: MagModel, field: Any, given: bool, covariance: Any) -> Any:
+    """Covariance of hard iron, soft iron C, field H and further values by that of M = C H, hard iron, these; H^3 = det M unless given."""
+    whole, more = model.soft_iron * field, len(covariance) - 12
+    xp = whole.__array_namespace__()
+    by_field = xp.zeros(9, dtype=whole.dtype) if given else field / 3 * xp.linalg.inv(whole).T.ravel()
+    by_soft = xp.concatenate([xp.eye(9, dtype=whole.dtype) / field - xp.outer(whole.ravel(), by_field) / field**2, by_field[None]])
+    hard, further = xp.eye(3, 12 + more, 9, dtype=whole.dtype), xp.eye(more, 12 + more, 12, dtype=whole.dtype)
+    slopes = xp.concatenate([hard, xp.concatenate([by_soft, xp.zeros((10, 3 + more), dtype=whole.dtype)], axis=1), further])
+    return between(slopes, covariance)
 
 
 def _estimated(model: MagModel, field: Any, quantity: str, covariance: Any, freedom: Any, further: dict[str, Any], held: bool) -> Estimate:

@@ -43,13 +43,13 @@ class Surface(NamedTuple):
     """What a fit knows: a fitted surface, or findings why there is none, and the normal of a plane of the readings; then the attitudes.
 
     rows : numbers of the fitted readings, of those of the log that are finite. m : these readings, as they were fitted. said : findings.
-    found : in scaled readings; scale, radius : unit of its distances, and size of the field in that unit. slopes : (13 + q, p) derivative
-    of hard iron, soft iron, field and further leaves by its parameters. through : (13, 12), by S and centre.
+    found : in scaled readings; scale, radius : unit of its distances, and size of the field in that unit. slopes : (12 + q, p) derivative
+    of the whole matrix C H, hard iron and further leaves by its parameters.
     model, field : what it says of the iron. further, usual : values of further leaves, and the median of each condition. matrix, freedom :
-    (13 + q, 13 + q) covariance of iron, field and further leaves, and its degrees of freedom. parts : whether it is that of fits without
+    (12 + q, 12 + q) covariance of C H, hard iron and further leaves, and its degrees of freedom. parts : whether it is that of fits without
     parts of the log. causes : what the residuals follow; their steps are in the covariance.
     corrected : all readings. residual : (n,) their distances, and noise : their standard deviation, in their unit.
-    unseen : (13,) bias by terms that a smaller model leaves out, or of another method. larger : surface of the largest model, if another.
+    unseen : (12,) bias by terms that a smaller model leaves out, or of another method. larger : surface of the largest model, if another.
     dip, down : of the field, and the axis that points down at level, or None. joint : kind of a fit with a sensor beside, or currents;
     spread : covariance with their fields, which are then among the further values; alignment : the rotation.
     """
@@ -61,7 +61,6 @@ class Surface(NamedTuple):
     model: Any = None
     field: Any = np.inf
     slopes: Any = None
-    through: Any = None
     corrected: Any = None
     residual: Any = np.zeros(0)
     noise: Any = np.inf
@@ -151,12 +150,15 @@ def _fitted(asked: Asked, picked: Chosen, ready: _Ready) -> Surface:
             if _score(full.distance + full.near.slopes @ step, kind, count) > _score(full.distance, full.kind, count) + margin:
                 continue
             near = basis_of(kind) @ x if (x[: COUNT[kind] - 3] > 0).all() else None
-        try:
-            iron = begun(u, way) if not ready.own and (near is None or way != kind) else near
-        except NotEllipsoid as error:
-            failure = error.quadric
-            continue
-        surface, begin, h = ready.own or (Ellipsoids.of(u, kind), quadric.parameters_of(kind, iron), 0.0 * u)
+        if ready.own is not None:
+            surface, begin, h = ready.own
+        else:
+            try:
+                iron = begun(u, way) if near is None or way != kind else near
+            except NotEllipsoid as error:
+                failure = error.quadric
+                continue
+            surface, begin, h = Ellipsoids.of(u, kind), quadric.parameters_of(kind, iron), 0.0 * u
         found = maximised(surface, begin, h, way != kind)
         if not ready.own and not asked.traced and way == kind and not np.abs(found.parameters).max() < _FARTHEST:
             failure = "plane"
@@ -177,13 +179,13 @@ def _fitted(asked: Asked, picked: Chosen, ready: _Ready) -> Surface:
     same, everything = ready.m is picked.m and len(ready.m) == len(asked.there), asked.m[asked.there]
     beside = found.near if same else nearest(found.soft, ready.frame.in_frame(everything) - found.centre[None])
     one = one._replace(
-        unseen=one.through @ _left_out(next(iter(fits.values())) if auto else fits.get("symmetric", found), found),
+        unseen=one.scale * _left_out(next(iter(fits.values())) if auto else fits.get("symmetric", found), found),
         corrected=one.field * beside.corrected, residual=(beside.distance - found.noise2 * beside.curvature) * one.scale,
     )  # fmt: skip
     largest = fits.get("symmetric")
     if not auto or found is largest:
         return one
-    wide = one._replace(matrix=np.full((13, 13), np.inf))  # as long as the largest model is not known
+    wide = one._replace(matrix=np.full((12, 12), np.inf))  # as long as the largest model is not known
     if largest is not None and largest.converged:
         wide = ellipsoid(largest, ready.frame, None)
         wide = wide._replace(matrix=between(wide.slopes, largest.covariance))
@@ -277,23 +279,13 @@ def radius_of(soft: Any) -> Any:
     return xp.cbrt(xp.abs(xp.linalg.det(soft)))
 
 
-def iron_slopes(whole: Any, field: Any, given: bool) -> Any:
-    """Derivative (13, 12) of hard iron, soft iron and field by the whole matrix C H and the hard iron; H = det(C H)^(1/3) unless given."""
-    xp = whole.__array_namespace__()
-    by_field = xp.zeros(9, dtype=whole.dtype) if given else field / 3 * xp.linalg.inv(whole).T.ravel()
-    by_soft = xp.concatenate([xp.eye(9, dtype=whole.dtype) / field - xp.outer(whole.ravel(), by_field) / field**2, by_field[None]])
-    hard = xp.eye(3, 12, 9, dtype=whole.dtype)
-    return xp.concatenate([hard, xp.concatenate([by_soft, xp.zeros((10, 3), dtype=whole.dtype)], axis=1)])
-
-
 def ellipsoid(found: Found, frame: Frame, norm: Any) -> Surface:
     """The surface of an ellipsoid in scaled readings, traced or not; `norm`: magnitude of the field if it is given."""
     radius = radius_of(found.soft)
     field = frame.scale * radius if norm is None else norm
-    through = iron_slopes(found.soft * frame.scale, field, norm is not None) * frame.scale
     model = MagModel(found.soft * frame.scale / field, frame.centre + frame.scale * found.centre)
     return Surface(
-        found=found, model=model, field=field, slopes=through @ found.basis, through=through, residual=found.distance * frame.scale,
+        found=found, model=model, field=field, slopes=frame.scale * found.basis, residual=found.distance * frame.scale,
         noise=found.noise * frame.scale, scale=frame.scale, radius=radius,
     )  # fmt: skip
 
@@ -349,10 +341,10 @@ def _of_object(asked: Asked, surface: Measured, found: Found) -> Surface:
     """The surface of a model object, traced or not."""
     (m, norm, conditions, to_leaves), (_, names, put) = surface.data, asked.parts
     xp = m.__array_namespace__()
-    leaves, by_field = to_leaves @ found.parameters, 0.0 * to_leaves[:1]
+    leaves = to_leaves @ found.parameters
     return Surface(
         found=found, model=put(leaves), field=norm, residual=found.distance, noise=found.noise, m=m, radius=norm,
-        slopes=xp.concatenate([to_leaves[np.r_[9:12, 0:9]], by_field, to_leaves[12:]]),
+        slopes=xp.concatenate([norm * to_leaves[:9], to_leaves[9:]]),
         corrected=norm * found.near.corrected, further=dict(zip(names, leaves[12:], strict=True)),
         usual={name: xp.median(value, axis=0) for name, value in conditions.items()},
     )  # fmt: skip
