@@ -129,12 +129,16 @@ class Log(eqx.Module):
 
         undone: list[Stretch] = []
         stopped: list[Stretch] = []
+        known: dict[str, list[Stretch]] = {}
         for name, values in sensors.items():
             unit = shown_unit(name, values)
             values, wrapped = unwrapped(name, values, rate, unit)
             undone += wrapped
-            seen = wrapped + of_values(name, values, rate, unit)
+            known[name] = of_values(name, values, rate, unit)
+            seen = wrapped + known[name]
             found += seen_in(name, _channel_names(name, values), values, rate, unit, seen)
+            if unit != si_unit(name) or any(one.kind == "stuck" for one in seen):  # the readings, or what is said of them, change
+                del known[name]
             for stuck in (one for one in seen if one.kind == "stuck" and len(one.axes) == values.shape[1]):
                 values = np.where(masked(stuck, values, rate), np.nan, values)
             stopped += [one for one in seen if one.kind == "stuck" and len(one.axes) < values.shape[1]]
@@ -149,6 +153,7 @@ class Log(eqx.Module):
         self.findings = tuple(found)
         self.provenance = provenance | {"epoch_ns": int(provenance.get("epoch_ns", 0)) + epoch}
         object.__setattr__(self, "_undone", (*undone, *stopped))  # can no longer be seen in the readings
+        object.__setattr__(self, "_seen", known)
 
     @property
     def duration(self) -> float:
@@ -240,10 +245,18 @@ class Log(eqx.Module):
         """
         if (known := vars(self).get("_evidence")) is None:
             raw, keep = vars(self).get("_raw", (None, ()))
-            known = (*vars(self).get("_undone", ()), *find(self._sensors(), self.rate, self.gaps)) if raw is None else raw.evidence
+            if raw is None:
+                known = (*vars(self).get("_undone", ()), *find(self._sensors(), self.rate, self.gaps, self._known))
+            else:
+                known = raw.evidence
             known = tuple(one for one in known if one.kind not in keep)
             object.__setattr__(self, "_evidence", known)
         return known
+
+    @property
+    def _known(self) -> dict[str, Any]:
+        """What was seen in the readings of a sensor when the log was made, where they are as they were then."""
+        return vars(self).get("_seen", {})
 
     @property
     def recorded(self) -> "Log":
@@ -273,7 +286,8 @@ class Log(eqx.Module):
         """
         values = self._sensors()[sensor]
         known = still or "_evidence" in vars(self.recorded)  # events take longest, and are not looked for without need
-        found = self.evidence if known else of_values(sensor, values, self.rate, si_unit(sensor))
+        found = self.evidence if known else self._known.get(sensor)
+        found = of_values(sensor, values, self.rate, si_unit(sensor)) if found is None else found
         out = set_aside(sensor, values, self.rate, found, still, (*keep, *vars(self).get("_raw", (None, ()))[1]))
         return out[:, 0] if sensor == "temperature" else out
 
@@ -348,7 +362,7 @@ class Log(eqx.Module):
     def _replaced(self, **changes: Any) -> "Log":
         """A copy with other fields, without any check."""
         log = copy.copy(self)
-        for found in ("_evidence", "_raw", "_undone") if changes.keys() & _AXES.keys() else ():
+        for found in ("_evidence", "_raw", "_undone", "_seen") if changes.keys() & _AXES.keys() else ():
             vars(log).pop(found, None)
         for name, value in changes.items():
             object.__setattr__(log, name, value)
