@@ -134,11 +134,10 @@ class Log(eqx.Module):
             unit = shown_unit(name, values)
             values, wrapped = unwrapped(name, values, rate, unit)
             undone += wrapped
-            known[name] = of_values(name, values, rate, unit)
-            seen = wrapped + known[name]
+            seen = wrapped + (own := of_values(name, values, rate, unit))
             found += seen_in(name, _channel_names(name, values), values, rate, unit, seen)
-            if unit != si_unit(name) or any(one.kind == "stuck" for one in seen):  # the readings, or what is said of them, change
-                del known[name]
+            if unit == si_unit(name) and not any(one.kind == "stuck" for one in seen):  # the readings stay, and what is said of them
+                known[name] = own
             for stuck in (one for one in seen if one.kind == "stuck" and len(one.axes) == values.shape[1]):
                 values = np.where(masked(stuck, values, rate), np.nan, values)
             stopped += [one for one in seen if one.kind == "stuck" and len(one.axes) < values.shape[1]]
@@ -152,8 +151,7 @@ class Log(eqx.Module):
         self.offset = offset
         self.findings = tuple(found)
         self.provenance = provenance | {"epoch_ns": int(provenance.get("epoch_ns", 0)) + epoch}
-        object.__setattr__(self, "_undone", (*undone, *stopped))  # can no longer be seen in the readings
-        object.__setattr__(self, "_seen", known)
+        vars(self).update(_undone=(*undone, *stopped), _seen=known)  # what can no longer be seen in the readings, and what is seen
 
     @property
     def duration(self) -> float:
@@ -245,18 +243,11 @@ class Log(eqx.Module):
         """
         if (known := vars(self).get("_evidence")) is None:
             raw, keep = vars(self).get("_raw", (None, ()))
-            if raw is None:
-                known = (*vars(self).get("_undone", ()), *find(self._sensors(), self.rate, self.gaps, self._known))
-            else:
-                known = raw.evidence
+            seen = vars(self).get("_seen")
+            known = (*vars(self).get("_undone", ()), *find(self._sensors(), self.rate, self.gaps, seen)) if raw is None else raw.evidence
             known = tuple(one for one in known if one.kind not in keep)
             object.__setattr__(self, "_evidence", known)
         return known
-
-    @property
-    def _known(self) -> dict[str, Any]:
-        """What was seen in the readings of a sensor when the log was made, where they are as they were then."""
-        return vars(self).get("_seen", {})
 
     @property
     def recorded(self) -> "Log":
@@ -286,8 +277,7 @@ class Log(eqx.Module):
         """
         values = self._sensors()[sensor]
         known = still or "_evidence" in vars(self.recorded)  # events take longest, and are not looked for without need
-        found = self.evidence if known else self._known.get(sensor)
-        found = of_values(sensor, values, self.rate, si_unit(sensor)) if found is None else found
+        found = self.evidence if known else of_values(sensor, values, self.rate, si_unit(sensor))
         out = set_aside(sensor, values, self.rate, found, still, (*keep, *vars(self).get("_raw", (None, ()))[1]))
         return out[:, 0] if sensor == "temperature" else out
 
