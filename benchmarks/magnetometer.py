@@ -30,7 +30,7 @@ from jaxcal.magnetometer import (
     guide,
     scenario,
 )
-from jaxcal.magnetometer._directions import angle, both_tilts, by_iron, heading_change, rms_heading
+from jaxcal.magnetometer._judge import by_iron, heading_change, heading_errors as stated_errors
 
 MILD = MagModel(np.array([[1.10, 0.06, -0.04], [0.06, 0.92, 0.05], [-0.04, 0.05, 1.0]]), np.array([0.8, -0.5, 0.3]))
 PAPER = MagModel(
@@ -210,7 +210,7 @@ def least_heading_error(field, sigma):
     to_iron = np.zeros((13, 9))  # hard iron, the nine entries of the soft iron, and the field, which is known
     to_iron[3 + 3 * i + j, range(6)] = to_iron[3 + 3 * j + i, range(6)] = to_iron[range(3), range(6, 9)] = 1.0
     covariance = sigma**2 * to_iron @ np.linalg.inv(rows.T @ rows) @ to_iron.T
-    return np.rad2deg(rms_heading(both_tilts(by_iron(PAPER, FIELD), DIP, np.array([0.0, 0.0, 1.0])), covariance)[0])
+    return np.rad2deg(stated_errors(by_iron(PAPER, FIELD), DIP, np.array([0.0, 0.0, 1.0]), [covariance])[0][0])
 
 
 def scenarios(runs):
@@ -279,7 +279,8 @@ def chosen(runs):
                 u = np.concatenate([directions(4800, rng), directions(4800, rng)])
                 m = sensor.measure(u[u[:, 2] > lowest][:300])
                 found.append(fit(m + 0.02 * rng.normal(size=m.shape), inclination=DIP))
-                off = angle(attitudes, np.asarray(found[-1].model.correct(sensor.measure(field)))) - angle(attitudes, field)
+                y = np.asarray(found[-1].model.correct(sensor.measure(field)))
+                off = np.arctan2(-y[:, 1], y[:, 0]) - attitudes[:, 0]
                 real.append(np.rad2deg(np.angle(np.exp(1j * off))))
             told = np.rad2deg(np.sqrt(np.mean([one.heading_error[0] ** 2 for one in found])))
             shares = [f"{word} {sum(word in (one.kind, one.verdict) for one in found) / len(found):.0%}"
@@ -386,12 +387,13 @@ def replayed(m, limit):
     plain = next((n for n in range(12, len(m), 4) if guide(m[:n], limit=limit).heading_error <= limit), None)
     taken, left, reached = [0], list(range(1, len(m))), None
     while left:
-        advice = guide(m[taken], limit=limit, candidates=m[left])
+        advice = guide(m[taken], limit=limit)
         if reached is None and advice.heading_error <= limit:
             reached = len(taken)
         if advice.stop:
             return plain, reached, len(taken), advice.fit
-        taken.append(left.pop(advice.candidate))
+        u = m[left] - (np.mean(m[taken], axis=0) if advice.fit is None else advice.fit.model.hard_iron)
+        taken.append(left.pop(np.argmax(u @ advice.direction / np.linalg.norm(u, axis=1))))
     return plain, reached, None, None
 
 

@@ -14,7 +14,7 @@ from .._types import AnyArray
 from ..fitting import Estimate
 from ..imu import Triad
 from ..magnetometer import MagModel
-from ..magnetometer._result import HARD, SOFT
+from ..magnetometer._model import HARD, SOFT
 from ._parts import Imu, Part
 from ._thermal import Thermal
 

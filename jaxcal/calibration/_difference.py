@@ -14,7 +14,7 @@ from .._errors import DataError
 from .._precision import host_float64
 from .._special import NORMAL95
 from .._types import AnyArray
-from ..magnetometer._result import HARD, SOFT
+from ..magnetometer._model import HARD, SOFT
 from ._calibration import Calibration
 from ._findings import FINDINGS
 from ._parts import Part, quantities_of

@@ -242,9 +242,9 @@ def _compared(path: Path | None, present: Any, found: Any) -> Any:
     import numpy as np
 
     from .._answer import Quantity
-    from ..magnetometer._directions import heading_change
     from ..magnetometer._findings import FINDINGS as OF_MAG
-    from ..magnetometer._result import quantity_of
+    from ..magnetometer._judge import heading_change
+    from ..magnetometer._model import quantity_of
 
     turns = heading_change(present, found.model, float(found.field), inclination=float(found.inclination), down=found.down)
     rms, moved = np.sqrt(np.mean(turns**2)), np.linalg.norm(np.asarray(found.model.hard_iron) - np.asarray(present.hard_iron))

@@ -12,32 +12,33 @@ if TYPE_CHECKING:
         Gyroscope as Gyroscope,
         Headings as Headings,
     )
-    from ._check import Check as Check, check as check
-    from ._directions import Coverage as Coverage, coverage as coverage
-    from ._field import body_field as body_field, earth_field as earth_field, heading as heading, scenario as scenario
+    from ._field import (
+        Coverage as Coverage,
+        body_field as body_field,
+        coverage as coverage,
+        earth_field as earth_field,
+        heading as heading,
+        scenario as scenario,
+    )
     from ._fit import fit as fit
-    from ._guide import Guide as Guide, guide as guide
-    from ._model import MagModel as MagModel
+    from ._judge import heading_uncertainty as heading_uncertainty
+    from ._model import MagModel as MagModel, residuals as residuals
     from ._moments import Moments as Moments
-    from ._own_model import residuals as residuals
-    from ._result import MagFit as MagFit
+    from ._plan import Guide as Guide, Plan as Plan, guide as guide, plan as plan, predict as predict
+    from ._result import Check as Check, MagFit as MagFit, check as check
     from ._track import Track as Track, track as track
-    from ._uncertainty import Plan as Plan, heading_uncertainty as heading_uncertainty, plan as plan, predict as predict
 
 install(
     __name__,
     {
         "_aids": "Accelerometer Alignment Attitude Gyroscope Headings",
-        "_check": "Check check",
-        "_directions": "Coverage coverage",
         "_moments": "Moments",
-        "_own_model": "residuals",
-        "_field": "body_field earth_field heading scenario",
+        "_field": "Coverage body_field coverage earth_field heading scenario",
         "_fit": "fit",
-        "_guide": "Guide guide",
-        "_model": "MagModel",
-        "_result": "MagFit",
+        "_judge": "heading_uncertainty",
+        "_model": "MagModel residuals",
+        "_plan": "Guide Plan guide plan predict",
+        "_result": "Check MagFit check",
         "_track": "Track track",
-        "_uncertainty": "Plan heading_uncertainty plan predict",
     },
 )

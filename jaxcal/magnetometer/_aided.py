@@ -17,9 +17,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._arrays import skew
 from ..fitting._serial import BLOCKS, by_parts
 from ._aids import Attitudes
-from ._directions import level_axes
+from ._field import level_axes
 from ._quadric import EXACT, unit
 
 _SOFT, _WEIGHT = 0.05, 4.0  # prior spread of the entries of C, and how many entries it counts as
@@ -49,12 +50,15 @@ class Known(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """Parameters of the fit with their covariance: C by rows, b, logarithm of the gain, dip, bias and delay of the rates, K by currents.
+    """C times the field, b, and all parameters with their covariance: C by rows, b, logarithm of the gain, dip, bias and delay of the
+    rates, K by currents.
 
     parts : whether the covariance is that of fits without parts of the log. freedom : of the noise, or of these parts. along : (n,)
     whether a reading has a residual along the surface. spread : standard deviation of these over the field.
     """
 
+    matrix: np.ndarray
+    centre: np.ndarray
     parameters: np.ndarray
     covariance: np.ndarray
     parts: bool
@@ -62,16 +66,6 @@ class Solution(NamedTuple):
     along: np.ndarray
     converged: bool
     spread: float
-
-    @property
-    def matrix(self) -> np.ndarray:
-        """C (3, 3), times the magnitude of the field."""
-        return self.parameters[_C].reshape(3, 3)
-
-    @property
-    def centre(self) -> np.ndarray:
-        """The hard iron."""
-        return self.parameters[_B]
 
 
 def north_of(up: np.ndarray, heading: np.ndarray, dip: float) -> np.ndarray:
@@ -88,11 +82,9 @@ def delayed(gyro: np.ndarray, samples: float) -> np.ndarray:
     """Rates `samples` samples earlier, with linear interpolation; at the edge of a gap the rate of the sample itself."""
     if samples == 0:
         return gyro
-    place = np.arange(len(gyro)) - samples
-    first = np.clip(np.floor(place).astype(int), 0, max(len(gyro) - 2, 0))
-    share = np.clip(place - first, 0.0, 1.0)[:, None]
-    earlier = (1 - share) * gyro[first] + share * gyro[np.minimum(first + 1, len(gyro) - 1)]
-    return np.where(np.isfinite(earlier) & np.isfinite(gyro), earlier, gyro)
+    at = np.arange(len(gyro))
+    earlier = np.stack([np.interp(at - samples, at, axis) for axis in gyro.T], axis=1)
+    return np.where(np.isfinite(earlier), earlier, gyro)
 
 
 def attitudes_in_segments(gyro: np.ndarray, rate: float, lag: Any = (0.0, 0.0, 0.0, 0.0)) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -243,13 +235,6 @@ def _prior(p: np.ndarray, free: np.ndarray, base: np.ndarray, spread: float, kno
     return (np.concatenate(parts) for parts in zip(*found, strict=True))
 
 
-def _odd(base: np.ndarray) -> np.ndarray:
-    """Rows (3, 9) that take C to the small rotation vector in C base'."""
-    by = np.kron(np.eye(3), base).reshape(3, 3, 9)
-    i, j = np.roll(np.arange(3), 1), np.roll(np.arange(3), -1)
-    return (by[i, j] - by[j, i]) / 2
-
-
 def solved(
     u: np.ndarray, at: Attitudes, begin: tuple[np.ndarray, np.ndarray], base: np.ndarray, held: np.ndarray, known: Known,
     currents: np.ndarray, noise: float,
@@ -266,7 +251,8 @@ def solved(
     free[_LAG], free[_DIP] = data.kind == "rates", data.kind == "vertical"
     free[_OFF] |= np.isfinite(known.off)
     lag, spread, sigma, converged = np.zeros(4), _SOFT, np.full(2, max(noise, EXACT)), False
-    turned, odd = _TURNED if at.rotated else _SYMMETRIC, held @ _odd(base)
+    # `odd` takes C to the small rotation vector in C base'
+    turned, odd = _TURNED if at.rotated else _SYMMETRIC, held @ (skew(np.eye(3)) @ base).reshape(3, 9) / 2
     turn = 0
     while True:
         if data.kind == "rates" and (turn == 0 or np.any(p[_LAG])):
@@ -300,7 +286,8 @@ def solved(
         if converged or turn == ROUNDS:
             break
     # a matrix that mirrors is no sensor: the attitudes contradict the readings
-    if not np.linalg.det(p[_C].reshape(3, 3)) > 0:
+    matrix = p[_C].reshape(3, 3)
+    if not np.linalg.det(matrix) > 0:
         return None
     full, parts, prior = np.zeros((len(p), len(p))), False, whole[len(left) :].T @ whole[len(left) :]
     if sigma[0] > EXACT:
@@ -308,7 +295,8 @@ def solved(
     full[np.ix_(free, free)] = inverse
     p[_LAG] += lag
     freedom = BLOCKS - 1 if parts else max(len(left) - nuisance - used.sum(), 1.0)
-    return Solution(p, full, parts, float(freedom), data.paired, converged, float(sigma[1] / np.exp(p[_GAIN])) if along.any() else np.nan)
+    spread = float(sigma[1] / np.exp(p[_GAIN])) if along.any() else np.nan
+    return Solution(matrix, p[_B], p, full, parts, float(freedom), data.paired, converged, spread)
 
 
 def _learnt(off: np.ndarray, error: np.ndarray, usual: float) -> float:

@@ -27,14 +27,14 @@ class Alignment(Result):
     ----------
     rotation : (3, 3) Q from the axes of the other sensor to those of the field that a symmetric soft iron would give.
     covariance : (3, 3) of the rotation vector about the other sensor's axes, rad^2.
-    angle : of the rotation from the nearest exchange of axes, rad.
     dip : inclination of the field, positive downwards, rad; NaN with a gyroscope.
     spread : standard deviation of a reading from where the other sensor puts it, rad.
     bias : (3,) bias of the gyroscope, rad/s; zero with other sensors.
     delay, delay_error : time by which the magnetometer lags the gyroscope in s, and its standard deviation; NaN with other sensors.
     used : number of readings, or poses, with the other sensor.
     source : "accel", "attitude", "gyro" or "headings".
-    findings : a note if the turns do not show the delay. The error of the rotation is a part of the heading error, which gives the verdict.
+
+    The error of the rotation is a part of the heading error, which gives the verdict of the fit.
 
     Examples
     --------
@@ -45,13 +45,13 @@ class Alignment(Result):
     >>> field, up = body_field(attitudes, 50.0), -9.81 * body_field(attitudes, 1.0, np.pi / 2)
     >>> turned = MagModel(np.array([[1.0, -0.02, 0.0], [0.02, 1.0, 0.0], [0.0, 0.0, 1.0]]), np.zeros(3))
     >>> found = jaxcal.magnetometer.fit(turned.measure(field), aid=Accelerometer(up)).alignment
-    >>> found.verdict, found.source, round(float(np.rad2deg(found.angle)), 2)
-    ('good', 'accel', 1.15)
+    >>> found.source, round(float(np.rad2deg(found.angle)), 2)
+    ('accel', 1.15)
     """
 
+    findings: ClassVar[tuple[Finding, ...]] = ()  # they are those of the fit
     rotation: AnyArray
     covariance: AnyArray
-    angle: float
     dip: float
     spread: float
     bias: AnyArray
@@ -59,17 +59,26 @@ class Alignment(Result):
     source: str = eqx.field(static=True)
     delay: float = float("nan")
     delay_error: float = float("nan")
-    findings: tuple[Finding, ...] = eqx.field(static=True, default=())
 
     @property
     def headline(self) -> str:
         """The angle of the rotation, and how well it is known."""
-        most = float(np.sqrt(max(np.linalg.eigvalsh(self.covariance)[-1], 0.0)))
-        return f"rotated by {np.rad2deg(self.angle):.2g} deg, known to {np.rad2deg(most):.2g} deg"
+        return f"rotated by {np.rad2deg(self.angle):.2g} deg, known to {np.rad2deg(np.linalg.norm(self.covariance, 2) ** 0.5):.2g} deg"
+
+    @property
+    def vector(self) -> np.ndarray:
+        """(3,) rotation vector from the nearest exchange of axes, rad."""
+        base = max(axis_turns(), key=lambda one: np.trace(one.T @ np.asarray(self.rotation)))
+        return scipy.spatial.transform.Rotation.from_matrix(base.T @ np.asarray(self.rotation)).as_rotvec()
+
+    @property
+    def angle(self) -> float:
+        """Angle of the rotation from the nearest exchange of axes, rad."""
+        return float(np.linalg.norm(self.vector))
 
     def sections(self) -> list[Section]:
         """Angle, dip, scatter, delay."""
-        vector = vector_from(np.asarray(self.rotation))
+        vector = self.vector
         along = vector / self.angle if self.angle > 1e-12 else np.full(3, 3**-0.5)
         off, late = NORMAL95 * float(np.sqrt(max(along @ self.covariance @ along, 0.0))), NORMAL95 * self.delay_error
         rows = {
@@ -135,9 +144,8 @@ class Headings(eqx.Module):
 
     Attributes
     ----------
-    headings : (n,) headings in rad, NaN where unknown.
+    headings : (n,) magnetic headings in rad, NaN where unknown.
     accel : (n, 3) specific force, which gives the tilt; without it all readings count as level.
-    declination : subtracted from the headings, rad; 0 if they are magnetic.
     error : standard deviation of what all headings are off by together, rad. Errors from one to the next are found from the readings.
 
     Examples
@@ -151,7 +159,6 @@ class Headings(eqx.Module):
 
     headings: Held
     accel: Held | None = None
-    declination: float | int = 0.0
     error: float | int = 0.0
 
 
@@ -196,12 +203,6 @@ class Attitude(eqx.Module):
         """(n, 3) unit vectors upwards in body axes: the direction of the specific force if the vehicle were at rest."""
         w, x, y, z = np.asarray(self.quaternion, float).T
         return -np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), w**2 - x**2 - y**2 + z**2], axis=1) + 0.0
-
-
-def vector_from(rotation: np.ndarray) -> np.ndarray:
-    """Rotation vector from the nearest exchange of axes."""
-    base = max(axis_turns(), key=lambda one: np.trace(one.T @ rotation))
-    return scipy.spatial.transform.Rotation.from_matrix(base.T @ rotation).as_rotvec()
 
 
 class Attitudes(NamedTuple):
@@ -263,26 +264,13 @@ def vectors(values: Any, name: str) -> np.ndarray:
     return values
 
 
-def like(values: Any, count: int, name: str) -> np.ndarray:
-    """Vectors (n, 3), one for each reading."""
-    values = vectors(values, name)
-    if len(values) != count:
-        raise DataError(f"There are {count} readings and {len(values)} rows of {name}; give one for each reading.", code="rows_differ")
-    return values
-
-
-def still(accel: np.ndarray) -> np.ndarray:
-    """Readings whose specific force is close to gravity; its size is taken from the median, so that any unit will do."""
-    size = np.linalg.norm(accel, axis=1)
+def verticals(accel: Any) -> np.ndarray:
+    """Unit vectors that point up, (n, 3), NaN where the specific force is not close to gravity, whose size is its median in any unit."""
+    force = vectors(accel, "specific force")
+    size = np.linalg.norm(force, axis=1)
     there = np.isfinite(size) & (size > 0)
     usual = np.median(size[there]) if there.any() else np.inf
-    return there & (np.abs(size / usual - 1) < _STILL)
-
-
-def _verticals(accel: Any) -> np.ndarray:
-    """Unit vectors that point up, (n, 3), NaN where the sensor is not at rest."""
-    force = vectors(accel, "specific force")
-    return np.where(still(force)[:, None], unit(force), np.nan)
+    return np.where((there & (np.abs(size / usual - 1) < _STILL))[:, None], unit(force), np.nan)
 
 
 def told(aid: Any) -> Attitudes:
@@ -292,9 +280,9 @@ def told(aid: Any) -> Attitudes:
     if isinstance(aid, Gyroscope):
         return Attitudes("gyro", gyro=vectors(aid.gyro, "rates"), rate=float(aid.rate))
     if isinstance(aid, Accelerometer | Attitude):
-        return Attitudes("accel" if isinstance(aid, Accelerometer) else "attitude", _verticals(aid.accel))
+        return Attitudes("accel" if isinstance(aid, Accelerometer) else "attitude", verticals(aid.accel))
     if not isinstance(aid, Headings):
         raise DataError(f"The aid is {type(aid).__name__}; give an Accelerometer, Attitude, Gyroscope or Headings.", code="no_such_aid")
-    heading, level = np.ravel(np.asarray(aid.headings, dtype=float)) - aid.declination, aid.accel is None
-    up = np.where(np.isfinite(heading)[:, None], [0.0, 0.0, -1.0], np.nan) if level else _verticals(aid.accel)
+    heading, level = np.ravel(np.asarray(aid.headings, dtype=float)), aid.accel is None
+    up = np.where(np.isfinite(heading)[:, None], [0.0, 0.0, -1.0], np.nan) if level else verticals(aid.accel)
     return Attitudes("headings", up, heading, rotated=not level, off=float(aid.error) or np.inf)

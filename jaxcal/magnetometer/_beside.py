@@ -12,11 +12,11 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._answer import CAUTION, FATAL, NOTE, Finding, Quantity
-from .._arrays import axis_fault, axis_turns, axis_words
+from .._arrays import axis_fault, axis_turns, axis_words, skew
 from .._errors import DataError
 from ._aided import Known, Solution, attitudes_in_segments, north_of, solved
-from ._aids import NAMES, Alignment, Asked, Attitudes, vector_from
-from ._directions import INCLINATION
+from ._aids import NAMES, Alignment, Asked, Attitudes
+from ._field import INCLINATION
 from ._findings import AGREE, FINDINGS
 from ._model import MagModel
 from ._quadric import NEAR_PLANAR, Frame, extents, unit
@@ -119,20 +119,13 @@ def by_axes(found: Axes | None, sign: float, turns: bool = True) -> list[Finding
     return [FINDINGS("axes_open", severity=grave, dip=Quantity(found.dip, "angle"), other=Quantity(-found.dip, "angle"), **both)]
 
 
-def down_by(up: Any) -> np.ndarray | None:
-    """The axis that points down at level: the mean vertical of a sensor that tilts little; None for one turned through all attitudes."""
-    if up is None or not np.isfinite(up).all(axis=1).any():
+def down_of(directions: Any, sign: float) -> np.ndarray | None:
+    """The axis about which a sensor turned, from unit fields (n, 3) or, with the sign -1, verticals; None if it turned through all."""
+    if directions is None or not np.isfinite(directions).any():
         return None
-    mean = np.nanmean(up, axis=0)
+    mean = np.nanmean(directions, axis=0)
     size = float(np.linalg.norm(mean))
-    return -mean / size if size > TURNED else None
-
-
-def down_of(directions: np.ndarray, dip: float) -> np.ndarray | None:
-    """The axis about which a sensor turned, from unit fields (n, 3), or None if it was turned through all attitudes."""
-    mean = directions.mean(axis=0)
-    size = float(np.linalg.norm(mean))
-    return np.copysign(1.0, dip) * mean / size if size > TURNED else None
+    return np.copysign(1.0, sign) * mean / size if size > TURNED else None
 
 
 def _orientation(asked: Asked, surface: Surface) -> tuple[list[Finding], float, bool, np.ndarray | None]:
@@ -146,7 +139,7 @@ def _orientation(asked: Asked, surface: Surface) -> tuple[list[Finding], float, 
         axes, there = axes_of(field, up), np.isfinite(up).all(axis=1)
         dips = -np.arcsin(np.clip(np.sum(field * up, axis=1)[there], -1, 1))
         if axes is not None and axes.same and np.std(dips) < AGREE:
-            dip, down = axes.dip if dip is None else dip, down_by(up)
+            dip, down = axes.dip if dip is None else dip, down_of(up, -1.0)
     known, dip = dip is not None, asked.dip if dip is None else dip
     down = down_of(field[surface.rows], dip) if down is None else down
     return by_axes(axes, asked.sign, turns=False) if axes else [FINDINGS("unseen_axes")], dip, known, down
@@ -221,7 +214,7 @@ def _together(asked: Asked, surface: Surface, at: Attitudes, log: _Readings) -> 
     base, held = np.eye(3) if axes is None else axes.turn, np.eye(3)
     if at.source == "headings":
         # they show a rotation about the vertical; nothing shows one about a level axis if there is no accelerometer
-        down = down_by(up) if at.rotated else None
+        down = down_of(up, -1.0) if at.rotated else None
         held = np.zeros((0, 3)) if down is None else np.eye(3) - np.outer(base @ down, base @ down)
     # the accelerometer's own dip is the start, and against it a given one would pull the fit apart
     seen = axes.dip if axes is not None and np.isfinite(axes.dip) else None
@@ -251,14 +244,13 @@ def _poses(m: np.ndarray, up: np.ndarray, heading: np.ndarray | None, most: floa
     Where it is not known, readings of a pose are no farther apart than so many usual steps from one reading to the next, or angles.
     """
     number, pose, cosine, first = np.zeros(len(m), dtype=int), 0, float(np.cos(most)), 0
-    open_ = np.ones(len(m), dtype=bool) if heading is None else np.isnan(heading)
-    angle = np.where(open_, 0.0, 0.0 if heading is None else heading)
+    angle = np.full(len(m), np.inf) if heading is None else np.nan_to_num(heading, nan=np.inf)
     size = np.sqrt(np.mean(np.sum((m - np.median(m, axis=0)) ** 2, axis=1)))
     reach = steps * min(float(np.median(np.linalg.norm(np.diff(m, axis=0), axis=1))), most * float(size))
-    rows = np.concatenate([np.nan_to_num(up), angle[:, None], open_[:, None], m], axis=1).tolist()
+    rows = np.concatenate([np.nan_to_num(up), angle[:, None], m], axis=1).tolist()
     for i in range(1, len(m)):
-        (a, b, c, now, free, *one), (d, e, f, then, other_free, *other) = rows[first], rows[i]
-        if (now, free) != (then, other_free) or a * d + b * e + c * f <= cosine or (free and math.dist(one, other) > reach):
+        (a, b, c, now, *one), (d, e, f, then, *other) = rows[first], rows[i]
+        if now != then or a * d + b * e + c * f <= cosine or (now == np.inf and math.dist(one, other) > reach):
             pose, first = pose + 1, i
         number[i] = pose
     return number
@@ -313,7 +305,7 @@ def _joint(asked: Asked, surface: Surface, at: Attitudes, log: _Readings, found:
     other = float(found.parameters[13])
     seen = dip if dip is not None else other if source in ("accel", "attitude", "headings") else surface.dip
     flat = source == "headings" and not at.rotated
-    down = np.array([0.0, 0.0, 1.0]) if flat else down_by(at.up)
+    down = np.array([0.0, 0.0, 1.0]) if flat else down_of(at.up, -1.0)
     down = down_of(unit(corrected), seen) if down is None else down
     # distances to first order: the magnitude of the field over the length of its slope
     slope = np.linalg.norm(unit(corrected) @ np.linalg.inv(model.soft_iron), axis=1)
@@ -323,7 +315,7 @@ def _joint(asked: Asked, surface: Surface, at: Attitudes, log: _Readings, found:
         said.append(FINDINGS("plane", severity=NOTE if asked.model == "planar" else CAUTION))
     turn = _alignment(found, source) if source not in ("", "plane") else None
     if turn is not None:
-        said += turn.findings
+        said += FINDINGS.over("delay_open", turn.delay_error)
         said += FINDINGS.over("aid_off", found.spread, angle=Quantity(found.spread, "angle"), source=NAMES[source])
         if dip is not None and source in ("accel", "attitude") and {one.code for one in faults} <= {"unseen_axes"}:
             said += FINDINGS.over("dip_differs", abs(other - dip), found=Quantity(other, "angle"), given=Quantity(dip, "angle"))
@@ -361,20 +353,13 @@ def _alignment(found: Solution, source: str) -> Alignment:
     """The rotation in a solution: C = S Q with a symmetric S."""
     left, values, right = np.linalg.svd(found.matrix)
     rotation, whole = left @ right, (right.T * values) @ right
-    by = [rotation.T @ step.reshape(3, 3) for step in np.eye(9)]
-    turns = np.array([_turn(whole, one) for one in by]).T
+    # rotation vector w that a change Q'dC = [w]x P + dP contains, for the symmetric P = (C'C)^(1/2): (tr P - P) w = its odd part
+    turns = np.linalg.solve(np.trace(whole) * np.eye(3) - whole, (rotation @ skew(np.eye(3))).reshape(3, 9))
     covariance = turns @ found.covariance[:9, :9] @ turns.T
     rates = source == "gyro"
     late = float(np.sqrt(found.covariance[17, 17])) if rates else float("nan")
-    said = tuple(FINDINGS.over("delay_open", late))
     return Alignment(
-        rotation, covariance, float(np.linalg.norm(vector_from(rotation))), float("nan") if rates else float(found.parameters[13]),
-        found.spread, found.parameters[14:17] if rates else np.zeros(3), int(np.sum(found.along)), source,
-        float(found.parameters[17]) if rates else float("nan"), late, said,
+        rotation, covariance, float("nan") if rates else float(found.parameters[13]), found.spread,
+        found.parameters[14:17] if rates else np.zeros(3), int(np.sum(found.along)), source,
+        float(found.parameters[17]) if rates else float("nan"), late,
     )  # fmt: skip
-
-
-def _turn(whole: np.ndarray, change: np.ndarray) -> np.ndarray:
-    """Rotation vector w that a change Q'dC = [w]x P + dP contains, for the symmetric P = (C'C)^(1/2): (tr P - P) w = its odd part."""
-    odd = np.array([change[2, 1] - change[1, 2], change[0, 2] - change[2, 0], change[1, 0] - change[0, 1]])
-    return np.linalg.solve(np.trace(whole) * np.eye(3) - whole, odd)

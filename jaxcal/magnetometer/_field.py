@@ -1,17 +1,167 @@
-"""Earth's field at a place and in body axes (x forward, y right, z down; azimuth, elevation, bank), and the heading that it gives."""
+"""Earth's field at a place and in body axes (x forward, y right, z down; azimuth, elevation, bank), the heading, and seen directions.
+
+Coverage is by MotionCal's regions (with its southern index corrected) and by the largest gap.
+"""
 
 import datetime
+import functools
 import warnings
+from types import ModuleType
 from typing import Any
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+import scipy  # loads its parts when they are first used
 
 from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import host_float64, is_traced, real_numbers
 from .._types import AnyArray, Checked, Samples
-from ._directions import INCLINATION, unit_field
+from ._quadric import unit
+
+#: dip of the field at Ankara, where the magnetometer paper's experiment was made
+INCLINATION = np.deg2rad(57.0)
+HEADINGS = np.arange(24) * np.pi / 12  # every 15 degrees
+ZONES = (1, 15, 34, 34, 15, 1)  # sectors of the zones of latitude, from the north pole on: 100 regions of equal area
+_GRID = 500  # points of the lattice, 9 degrees apart
+
+
+class Coverage(eqx.Module):
+    """How well readings fill the sphere of directions.
+
+    Attributes
+    ----------
+    counts : (100,) readings per region of equal area: pole, 15 sectors, 34, 34, 15, pole.
+    occupied : share of 500 equal bins that contain a reading.
+    largest_gap : half-angle of the largest cap without a reading, rad.
+    missing : (k, 3) unit vectors to the centres of the regions without a reading.
+
+    Examples
+    --------
+    >>> from jaxcal.magnetometer import body_field, coverage, scenario
+    >>> found = coverage(body_field(scenario("three_turns")))
+    >>> f"{100 * found.occupied:.0f} % of the directions", len(found.missing) > 50
+    ('13 % of the directions', True)
+    """
+
+    counts: AnyArray
+    occupied: float
+    largest_gap: float
+    missing: AnyArray
+
+
+@functools.cache
+def sphere_grid() -> np.ndarray:
+    """Points of a Fibonacci lattice, (500, 3); each represents nearly the same area."""
+    k = np.arange(_GRID) + 0.5
+    z, angle = 1 - 2 * k / _GRID, np.pi * (1 + np.sqrt(5)) * k
+    grid = np.stack([np.sqrt(1 - z**2) * np.cos(angle), np.sqrt(1 - z**2) * np.sin(angle), z], axis=1)
+    grid.flags.writeable = False
+    return grid
+
+
+@functools.cache
+def lattice() -> Any:
+    """The 500 points, to be asked for the nearest one."""
+    return scipy.spatial.KDTree(sphere_grid())
+
+
+def _edges() -> np.ndarray:
+    """Heights of the upper edges of the zones, on a sphere of radius one."""
+    return 1 - 2 * np.cumsum([0, *ZONES[:-1]]) / sum(ZONES)
+
+
+def regions(directions: np.ndarray) -> np.ndarray:
+    """Region of each direction, 0 to 99."""
+    x, y, z = directions.T
+    zone = np.searchsorted(-_edges(), -z, side="right") - 1
+    sectors = np.array(ZONES)[zone]
+    sector = np.minimum(sectors - 1, ((np.arctan2(y, x) + np.pi) * sectors / (2 * np.pi)).astype(int))
+    return np.cumsum([0, *ZONES[:-1]])[zone] + sector
+
+
+@functools.cache
+def middles() -> np.ndarray:
+    """Unit vectors to the centres of the regions, (100, 3)."""
+    latitude = np.arcsin(np.append(_edges(), -1.0))
+    middle = np.repeat((latitude[1:] + latitude[:-1]) / 2, ZONES)
+    middle[[0, -1]] = latitude[[0, -1]]
+    longitude = np.concatenate([(np.arange(n) + 0.5) * 2 * np.pi / n for n in ZONES]) - np.pi
+    found = np.stack([np.cos(longitude) * np.cos(middle), np.sin(longitude) * np.cos(middle), np.sin(middle)], axis=1)
+    found.flags.writeable = False
+    return found
+
+
+@host_float64
+def coverage(m: Samples) -> Coverage:
+    """How evenly corrected readings fill the sphere.
+
+    Parameters
+    ----------
+    m : (n, 3) corrected readings in any unit; the hard iron must be subtracted already.
+
+    Returns
+    -------
+    Coverage
+
+    Raises
+    ------
+    DataError
+        If a reading is zero or not finite, or there are no readings.
+
+    Examples
+    --------
+    >>> import jaxcal
+    >>> from jaxcal.magnetometer import body_field, scenario
+    >>> full = jaxcal.magnetometer.coverage(body_field(scenario("all", samples=2000)))
+    >>> turns = jaxcal.magnetometer.coverage(body_field(scenario("three_turns")))
+    >>> len(full.missing) < 1, len(turns.missing) > 50
+    (True, True)
+
+    References
+    ----------
+    P. Stoffregen, MotionCal (quality.c), with corrected positions of the southern sectors.
+    """
+    m = real_numbers(m, "m")
+    if m.ndim != 2 or m.shape[-1] != 3 or not len(m):
+        raise DataError(f"The corrected readings have shape {m.shape}; they must be (n, 3) with at least one row.")
+    norm = np.linalg.norm(m, axis=1)
+    if not (np.isfinite(norm) & (norm > 0)).all():
+        raise DataError("A corrected reading is zero or not finite; leave it out.")
+    directions = m / norm[:, None]
+    counts = np.bincount(regions(directions), minlength=sum(ZONES))
+    largest = float(np.max(scipy.spatial.KDTree(directions).query(sphere_grid())[0]))
+    occupied = len(np.unique(lattice().query(directions)[1])) / _GRID
+    return Coverage(counts, occupied, 2 * float(np.arcsin(min(largest / 2, 1.0))), middles()[counts == 0])
+
+
+def unit_field(attitudes: Any, inclination: Any, xp: ModuleType = np) -> Any:
+    """`body_field` of magnitude one. Plain numbers give NumPy arrays, even while something else is traced."""
+    azimuth, elevation, bank = xp.moveaxis(attitudes, -1, 0)
+    ct, st, cp, sp = xp.cos(elevation), xp.sin(elevation), xp.cos(bank), xp.sin(bank)
+    north, east, down = xp.cos(inclination) * xp.cos(azimuth), -xp.cos(inclination) * xp.sin(azimuth), xp.sin(inclination)
+    forward, below = north * ct - down * st, north * st + down * ct
+    return xp.stack([forward, east * cp + below * sp, below * cp - east * sp], axis=-1)
+
+
+@functools.lru_cache(maxsize=64)
+def axes_at(headings: tuple[float, ...], tilt: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Unit vectors to the north, to the east and down, (n, 3) each, in the axes of a sensor at these headings.
+
+    Level, or, if it is tilted, in each of eight directions of the tilt, (8 n, 3).
+    """
+    way = np.repeat(np.arange(8 if tilt else 1) * np.pi / 4, len(headings))
+    elevation, bank = np.arcsin(np.sin(tilt) * np.cos(way)), np.arctan2(np.sin(tilt) * np.sin(way), np.cos(tilt))
+    attitudes = np.stack([np.resize(headings, len(way)), elevation, bank], axis=1)
+    north, below = (unit_field(attitudes, dip) for dip in (0.0, np.pi / 2))
+    return north, np.cross(below, north), below
+
+
+def level_axes(up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors forward and to the right in the horizontal plane, (n, 3) each, in the body axes of upward vectors."""
+    forward = unit(np.array([1.0, 0.0, 0.0]) - up[:, :1] * up)
+    return forward, np.cross(forward, up)
 
 
 @host_float64
@@ -146,24 +296,19 @@ def heading(m: Samples, accel: Samples, *, declination: float = 0.0) -> AnyArray
 @filter_jit
 def _heading(m: Any, accel: Any, declination: Any) -> Any:
     """Heading; NaN where the sensor falls, or the field is too steep."""
-    x, y, z = jnp.moveaxis(m, -1, 0)
-    fx, fy, fz = jnp.moveaxis(accel, -1, 0)
-    force, field = jnp.linalg.norm(accel, axis=-1), jnp.linalg.norm(m, axis=-1)
-    falling = ~(force >= _LIGHTEST)
-    # Replace the inputs as well as the results: atan2 has no derivative at the origin.
-    fz = jnp.where(falling, -1, fz)
-    fx, fy = (jnp.where(falling, 0, f) for f in (fx, fy))
-    cross = jnp.sqrt(fy**2 + fz**2)
-    length = jnp.sqrt(fx**2 + cross**2)
-    upright = cross > 0
-    cross = jnp.where(upright, cross, 1)
-    sp, cp = jnp.where(upright, -fy / cross, 0), jnp.where(upright, -fz / cross, 1)
-    st, ct = fx / length, jnp.where(upright, cross, 0) / length
-    forward, right = x * ct + y * sp * st + z * cp * st, y * cp - z * sp
-    steep = ~(jnp.sqrt(forward**2 + right**2) > STEEPEST * field)
-    angle = jnp.arctan2(-jnp.where(steep, 0, right), jnp.where(steep, 1, forward))
-    angle = jnp.mod(angle + declination, 2 * jnp.pi)
-    return jnp.where(falling | steep, jnp.nan, angle)
+    size = jnp.linalg.norm(accel, axis=-1, keepdims=True)
+    falling = ~(size >= _LIGHTEST)
+    # Replace the inputs as well as the results: atan2 has no derivative at the origin, and a direction none without a length.
+    x, _, z = (jnp.broadcast_to(axis, m.shape) for axis in jnp.eye(3, dtype=m.dtype))
+    up = jnp.where(falling, -z, accel) / jnp.where(falling, 1.0, size)
+    level = x - up[..., :1] * up
+    # where x points up or down, the sensor has no bank
+    forward = jnp.where(jnp.any(level != 0, axis=-1, keepdims=True), level, up[..., :1] * z)
+    forward = forward / jnp.linalg.norm(forward, axis=-1, keepdims=True)
+    north, east = (jnp.sum(m * way, axis=-1) for way in (forward, jnp.cross(forward, up)))
+    lost = falling[..., 0] | ~(jnp.sqrt(north**2 + east**2) > STEEPEST * jnp.linalg.norm(m, axis=-1))
+    angle = jnp.arctan2(-jnp.where(lost, 0, east), jnp.where(lost, 1, north))
+    return jnp.where(lost, jnp.nan, jnp.mod(angle + declination, 2 * jnp.pi))
 
 
 def earth_field(

@@ -14,7 +14,7 @@ FINDINGS = table(
         FATAL, "The readings are near-planar: the field across their plane stays open.",
         "Turn the sensor about a second axis, or give {option.model:planar}.",
     ),
-    no_ellipsoid=Kind(FATAL, "The readings lie on no ellipsoid: nearest is a {quadric}.", "Turn the sensor through more attitudes."),
+    no_ellipsoid=Kind(FATAL, "The readings lie on no ellipsoid.", "Turn the sensor through more attitudes."),
     undetermined=Kind(
         FATAL, "The readings do not determine {what}.", "Turn the sensor about a second axis, and tilt it further.",
         limits=(1e8,),  # condition number, 3 for even coverage, at which a combination is lost in rounding
@@ -22,8 +22,7 @@ FINDINGS = table(
     not_converged=Kind(FATAL, "The fit did not converge; least certain is {what}.", "Turn the sensor through more attitudes."),
     # the heading error, or how well it is known
     heading=Kind(
-        CAUTION, "The heading error is above {limit:.2g}; least certain is {what}.",
-        "A reading helps most: {attitude}.",
+        CAUTION, "The heading error is above {limit:.2g}.", "Read next: {attitude}.",
         limits=(float(np.deg2rad(1.0)), float(np.deg2rad(5.0))),  # rms, rad: what a compass needs; no use as one
     ),
     few_left=Kind(

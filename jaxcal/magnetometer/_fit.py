@@ -20,8 +20,7 @@ from ._aids import Accelerometer, Asked, Attitude, Gyroscope, Headings, told
 from ._beside import beside
 from ._field import INCLINATION
 from ._judge import judged
-from ._model import MagModel
-from ._own_model import parts_of
+from ._model import MagModel, parts_of
 from ._quadric import COUNT, chosen
 from ._result import MagFit
 from ._surface import surface_of
@@ -113,7 +112,11 @@ def fit(
     picked = chosen(asked.m[asked.there], "symmetric" if asked.parts is not None else asked.model if asked.traced else "")
     surface = surface_of(asked, picked)
     surface = beside(asked, surface)
-    return judged(asked, surface)
+    known = judged(asked, surface)
+    return MagFit(
+        surface.model, known.estimate, known.heading_error, surface.field, surface.noise, surface.residual, surface.dip,
+        "joint" if surface.joint else method, surface.kind, surface.down, surface.alignment, findings=known.findings, _about=known.about,
+    )  # fmt: skip
 
 
 def _asked(
@@ -131,13 +134,11 @@ def _asked(
         raise DataError(f"The readings have shape {m.shape}; expected (n, 3), one row per reading.", code="bad_shape")
     if not there.all() and not isinstance(aid, Gyroscope):
         raise DataError(f"{np.sum(~there)} readings are not finite, the first in row {np.argmin(there)}; drop them.", code="not_finite")
-    if own and method != "ml":
-        raise DataError("A model object is fitted by method='ml'.", code="model_object_options")
     for given, known, what in ((method, METHODS, "method"), ("auto" if own else model, MODELS, "model")):
         if given not in known:
             raise DataError(f"There is no {what} {given!r}; known are {', '.join(map(repr, known))}.", code="no_such_option")
-    if method != "ml" and model not in ("auto", "symmetric"):
-        raise DataError(f"Method {method!r} fits the model 'symmetric' only; method 'ml' has {model!r}.", code="no_such_model")
+    if method != "ml" and (own or model not in ("auto", "symmetric")):
+        raise DataError(f"Method {method!r} fits the model 'symmetric' only; give method='ml'.", code="no_such_model")
     norm, dip = _norm_and_dip(field, inclination)
     if field_error is not None:
         if norm is None or method != "ml":
@@ -222,10 +223,15 @@ def _readings(source: Any) -> tuple[Any, Any]:
         if m.dtype.kind not in "fiu":
             raise DataError(f"The readings must be real numbers; got values of type {m.dtype}.", code="not_numbers")
         return (m if is_traced(source) else m.astype(float, copy=False)), None
-    log = as_log(source)
-    if log.mag is None or log.mag.shape[1] != 3:
-        raise DataError(Message("the log has no magnetometer of three axes; name its columns with {option.columns:mag=...}"), code="no_mag")
-    m = log.usable("mag", keep=("clipped",))
+    log, m = mag_of(source, keep=("clipped",))
     there = np.isfinite(m).all(axis=1)
     force = log.accel if log.accel is not None and log.accel.shape[1] == 3 else None
     return m[there], None if force is None else force[there]
+
+
+def mag_of(source: Any, **options: Any) -> tuple[Log, np.ndarray]:
+    """The log, and its readings (n, 3) that are measurements, NaN elsewhere."""
+    log = as_log(source)
+    if log.mag is None or log.mag.shape[1] != 3:
+        raise DataError(Message("the log has no magnetometer of three axes; name its columns with {option.columns:mag=...}"), code="no_mag")
+    return log, log.usable("mag", **options)

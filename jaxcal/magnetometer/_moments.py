@@ -4,7 +4,7 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
-from .._types import AnyArray, Samples
+from .._types import Samples
 from ._field import INCLINATION
 from ._model import MagModel
 from ._quadric import EXPONENTS, NEAR_PLANAR, NotEllipsoid, adjusted, constrained, ellipsoid_of, noisy, soft_of
@@ -55,19 +55,6 @@ class Moments:
     I. Markovsky, A. Kukush and S. Van Huffel, Numer. Math. 98 (2004) 177. The magnetometer paper, equations 11 to 16.
     """
 
-    sums: np.ndarray
-    centre: np.ndarray
-    scale: float
-    count: int
-    held: int
-    outliers: int
-    model: MagModel | None
-    field: float
-    noise: float
-    heading_error: float
-    verdict: str
-    reasons: tuple[str, ...]
-
     def __init__(self, sums: Samples | None = None, centre: Samples = (0.0, 0.0, 0.0), scale: float = 1.0) -> None:
         self.sums, self.centre, self.scale = np.zeros(len(_POWERS)), np.array(centre, dtype=float), float(scale)
         if sums is not None:
@@ -76,9 +63,10 @@ class Moments:
                 raise DataError("expected 35 finite sums, a centre of three numbers and a scale above zero", code="bad_moments")
         self.count, self.held, self.outliers = int(self.sums[0]), 0, 0
         self._last, self._bins = np.full(3, np.nan), np.zeros(24, dtype=int)
-        self.model = None
-        self.field = self.noise = self.heading_error = np.inf
-        self.verdict, self.reasons = "refused", ("few",)
+        self.model: MagModel | None = None
+        self.field = self.noise = self.heading_error = float("inf")
+        self.verdict = "refused"
+        self.reasons: tuple[str, ...] = ("few",)
 
     def add(self, m: Samples) -> int:
         """Admit readings (n, 3), or one of (3,), and return how many. Those that repeat or lie far from the running fit are left out."""
@@ -167,12 +155,6 @@ class Moments:
         self.reasons = tuple(name for name, doubtful in doubts.items() if doubtful)
         self.verdict = "refused" if not self.heading_error <= 5 * _LIMIT else "weak" if self.reasons else "good"
         return self.verdict
-
-    def correct(self, m: Samples) -> AnyArray:
-        """Corrected readings (..., 3)."""
-        if self.model is None:
-            raise DataError(f"there is no fit: {', '.join(self.reasons)}", code="no_fit")
-        return self.model.correct(m)
 
 
 def _variance(products: np.ndarray, q: np.ndarray) -> float:

@@ -12,7 +12,6 @@ how far the readings scatter, and which of them are too far.
 
 import contextlib
 import functools
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -87,11 +86,7 @@ def soft_of(shape: Any) -> Any:
 
 
 class NotEllipsoid(FitError):
-    """The fitted quadric is not an ellipsoid, but the one that is named."""
-
-    def __init__(self, quadric: str):
-        super().__init__(f"the data do not determine an ellipsoid: the quadric nearest to the readings is a {quadric}", "no_ellipsoid")
-        self.quadric = quadric
+    """The fitted quadric is not an ellipsoid."""
 
 
 def monomials(u: Any) -> Any:
@@ -118,21 +113,14 @@ def shape_of(theta: Any) -> tuple[Any, Any]:
 
 
 def ellipsoid_of(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Shape matrix and centre of an ellipsoid; for any other quadric, an error that names it."""
-    with np.errstate(all="ignore"):
-        try:
-            shape, x0 = shape_of(theta)
-        except np.linalg.LinAlgError:
-            raise NotEllipsoid("paraboloid or a cylinder") from None
-    if not (np.isfinite(shape).all() and np.isfinite(x0).all()):
-        raise NotEllipsoid("cone or a cylinder")
-    values = np.linalg.eigvalsh(shape)
-    if values[0] <= 0:
-        raise NotEllipsoid("hyperboloid" if values[-1] > 0 else "quadric without real points")
-    # a centre hundreds of data radii away means a paraboloid, to within rounding
-    if values[-1] > 1e12 * values[0] or np.linalg.norm(x0) > 1e6:
-        raise NotEllipsoid("paraboloid or a cylinder")
-    return shape, x0
+    """Shape matrix and centre of an ellipsoid; an error for any other quadric."""
+    with np.errstate(all="ignore"), contextlib.suppress(np.linalg.LinAlgError):
+        shape, x0 = shape_of(theta)
+        values = np.linalg.eigvalsh(np.where(np.isfinite(shape), shape, -1.0))
+        # a centre hundreds of data radii away means a paraboloid, to within rounding
+        if values[0] > 0 and values[-1] <= 1e12 * values[0] and np.linalg.norm(x0) <= 1e6:
+            return shape, x0
+    raise NotEllipsoid("the data do not determine an ellipsoid", "no_ellipsoid")
 
 
 def linear(u: Any, kind: str) -> Any:
@@ -215,15 +203,10 @@ def by_products(u: np.ndarray, method: str) -> tuple[np.ndarray, np.ndarray]:
 
 def start(u: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
     """Shape and centre of the first algebraic fit, in order of merit, that gives an ellipsoid."""
-    attempts = [lambda one=one: algebraic(u, one) for one in dict.fromkeys((kind, "sphere"))]
-    attempts = [lambda: by_products(u, "consistent"), *attempts] if kind == "symmetric" else attempts
-    reason: NotEllipsoid | None = None
-    for attempt in attempts:
-        try:
-            return attempt()
-        except NotEllipsoid as error:
-            reason = reason or error
-    raise reason or NotEllipsoid("quadric of another kind")
+    for way in ("consistent", kind, "sphere") if kind == "symmetric" else (kind, "sphere"):
+        with contextlib.suppress(NotEllipsoid):
+            return algebraic(u, way) if way in COUNT else by_products(u, way)
+    raise NotEllipsoid("the data do not determine an ellipsoid", "no_ellipsoid")
 
 
 def traced_start(u: Any, kind: str) -> tuple[Any, Any]:
@@ -274,12 +257,6 @@ def spread_of(distance: np.ndarray) -> float:
     return max(1.4826 * float(np.median(distance)), 1e-9)
 
 
-def outliers(distance: AnyArray) -> np.ndarray:
-    """Indices of readings more than four robust standard deviations off; distances in scaled units."""
-    size = np.abs(distance)
-    return np.flatnonzero(size > max(OUTLIER * 1.4826 * np.median(size), 1e-9))
-
-
 def _voters(u: np.ndarray, most: int = _PER_CELL) -> np.ndarray:
     """Rows of at most so many readings of each cell, evenly over time."""
     # cells that share a number are far apart, and only few
@@ -319,26 +296,17 @@ def thinned(m: np.ndarray) -> np.ndarray:
     return _voters((m - middle) / size, _PER_LONG) if size > 0 else np.arange(len(m))
 
 
-def _tried(fitted: Callable[[], tuple[np.ndarray, np.ndarray]], u: np.ndarray) -> list[tuple[float, tuple[np.ndarray, np.ndarray]]]:
-    """Median distance of readings to an ellipsoid, and the ellipsoid; empty if there is none."""
-    with contextlib.suppress(NotEllipsoid, np.linalg.LinAlgError):
-        found = fitted()
-        return [(float(np.median(away(found, u))), found)]
-    return []
-
-
 def _trimmed(u: np.ndarray) -> list[tuple[float, tuple[np.ndarray, np.ndarray]]]:
-    """Ellipsoids through the nearest part of the readings (concentration steps of least trimmed squares)."""
+    """Ellipsoids through the nearest part of the readings (concentration steps of least trimmed squares), with the median distance."""
     order, found = np.argsort(np.linalg.norm(u, axis=1)), []
     for share in _SHARES:
-        now = _tried(lambda share=share: algebraic(u[order[: int(share * len(u))]]), u)
-        for _ in range(_ROUNDS):
-            now = [
-                new
-                for _, one in now
-                for new in _tried(lambda one=one: algebraic(u[np.argsort(away(one, u))[: int(_SHARES[-1] * len(u))]]), u)
-            ]
-            found += now
+        rows = order[: int(share * len(u))]
+        with contextlib.suppress(NotEllipsoid, np.linalg.LinAlgError):
+            for number in range(_ROUNDS + 1):
+                one = algebraic(u[rows])
+                distance = away(one, u)
+                found += [(float(np.median(distance)), one)] if number else []
+                rows = np.argsort(distance)[: int(_SHARES[-1] * len(u))]
     return found
 
 
@@ -355,14 +323,18 @@ def sound(m: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | No
     vote = u[kept][_voters(u[kept])]
     if len(vote) < least or extents(Frame.of(vote).in_frame(vote))[-1] < NEAR_PLANAR:
         return kept, None
-    plain = _tried(lambda: start(vote, "symmetric"), vote)
+    tried, distance = [], np.array([np.inf])
+    with contextlib.suppress(NotEllipsoid, np.linalg.LinAlgError):
+        plain = start(vote, "symmetric")
+        distance = away(plain, vote)
+        tried.append((float(np.median(distance)), plain))
     # a fit without a reading that stands apart needs no other
-    far = not plain or away(plain[0][1], vote).max() > OUTLIER * spread_of(away(plain[0][1], vote))
-    found = min(plain + [(_CLOSER * median, one) for median, one in (_trimmed(vote) if far else [])], key=lambda one: one[0], default=None)
-    if found is None:
+    if not distance.max() <= OUTLIER * spread_of(distance):
+        tried += [(_CLOSER * median, one) for median, one in _trimmed(vote)]
+    if not tried:
         return kept, None
-    shape, centre = found[1]
-    near = kept & (away(found[1], u) <= _FAR * spread_of(away(found[1], vote)))
+    shape, centre = found = min(tried, key=lambda one: one[0])[1]
+    near = kept & (away(found, u) <= _FAR * spread_of(away(found, vote)))
     return (everything, None) if np.mean(~near) > _MOST else (near, (shape / size**2, middle + size * centre))
 
 

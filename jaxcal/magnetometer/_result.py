@@ -1,31 +1,29 @@
-"""`MagFit`: a magnetometer calibration with its uncertainty, the heading error to expect, and what to know about it."""
+"""`MagFit`, a calibration with its uncertainty and what to know about it; `check`, how well it does on other readings."""
 
 from typing import Any, ClassVar
 
 import equinox as eqx
-import jax
 import numpy as np
+import scipy  # loads its parts when they are first used
 
 from .._answer import Finding, Grid, Number, Result, Section, by_axis, listed
+from .._errors import DataError
+from .._precision import host_float64
 from .._special import NORMAL95, student_quantile
-from .._types import AnyArray
-from .._units import BEYOND
+from .._types import AnyArray, Samples
 from ..fitting import Estimate
-from ._directions import HEADINGS, heading_at, needed
+from ._aids import vectors, verticals
+from ._field import HEADINGS, STEEPEST, Coverage, coverage, heading
+from ._findings import FINDINGS
+from ._judge import distance_slopes, heading_uncertainty, needed, outliers
 from ._model import MagModel
-from ._quadric import PLACE, outliers
+from ._quadric import EXACT, unit
 from ._surface import between
 
-HARD = tuple(f"hard_iron[{i}]" for i, _ in enumerate(PLACE))
-SOFT = tuple(f"soft_iron[{i},{j}]" for i, j in np.ndindex(*PLACE.shape))
 _NINETEEN = 2.1  # actual over stated error that 95.4 % of 800 simulated logs stayed below
 _TILTS = (10, 20, 45)  # degrees: a gust, a turn, and the steepest turn of an ordinary flight
 _LARGEST = 30.0  # degrees: a larger predicted error only says that the heading is open, because it comes from first derivatives
-
-
-def quantity_of(size: Any) -> str:
-    """Quantity of readings of this size: "mag" for a field in tesla, else "counts"; "ratio" where it is traced."""
-    return "ratio" if isinstance(size, jax.Array) else "mag" if size < BEYOND["mag"] else "counts"
+_PARAMETERS = 3.0  # approximate degrees of freedom of a heading error: the hard iron dominates it
 
 
 class MagFit(Result):
@@ -49,13 +47,12 @@ class MagFit(Result):
     inclination : dip of the field used for `heading_error`, rad: as given, from the accelerometer, or 57 degrees.
     method : name of the method; "joint" for a fit together with another sensor or with currents.
     kind : "sphere", "diagonal", "symmetric", "planar" for readings in a plane, "full" with another sensor, or the class of a model object.
-    coverage : `Coverage` of the corrected readings; None without a model.
     down : (3,) axis that points down at level, used for `heading_error`, in the axes of the corrected field: the mean vertical of an
         accelerometer, or the axis about which the sensor turned. None for a sensor turned through all attitudes; the error then is the
         mean over all axes.
     alignment : `Alignment` with the given accelerometer, gyroscope or headings; `model` includes its rotation. None otherwise.
     check : `Check` of readings that were held back from the fit; None otherwise.
-    findings : what to know. The verdict is "not judged" under `jit`, `vmap` and `grad`, where coverage is None.
+    findings : what to know. The verdict is "not judged" under `jit`, `vmap` and `grad`.
 
     Examples
     --------
@@ -74,12 +71,11 @@ class MagFit(Result):
     inclination: float
     method: str = eqx.field(static=True)
     kind: str = eqx.field(static=True)
-    coverage: Any = None
     down: Any = None
     alignment: Any = None
-    check: Any = None
+    check: "Check | None" = None
     findings: tuple[Finding, ...] = eqx.field(static=True, default=())
-    #: numbers of the fit for its tables, and "usual": median of each condition of a model object
+    #: numbers of the fit for its tables; "corrected": all readings; "usual": median of each condition of a model object
     _about: dict[str, Any] = eqx.field(default_factory=dict)
 
     _figure: ClassVar = ("sphere", True)
@@ -104,6 +100,12 @@ class MagFit(Result):
         """Level heading error in rad that 19 of 20 logs stay below; wider where few white readings leave the noise uncertain itself."""
         few = 1.0 if "correlated" in self.codes else student_quantile(self.estimate.freedom[0], 0.975) / NORMAL95
         return float(_NINETEEN * few * self.heading_error[0])
+
+    @property
+    def coverage(self) -> Coverage | None:
+        """`Coverage` of the corrected readings; None without a model, and under `jit`, `vmap` and `grad`."""
+        y = self._about.get("corrected")
+        return None if y is None else coverage(y[np.any(y != 0.0, axis=1)])
 
     @property
     def outliers(self) -> np.ndarray:
@@ -144,7 +146,7 @@ class MagFit(Result):
     def card(self, step: int = 30) -> Grid:
         """The deviation card: standard deviation of level headings, for every `step` degrees of heading."""
         degrees = np.arange(0, 360, step)
-        errors = heading_at(self, np.deg2rad(degrees))
+        errors = heading_uncertainty(self, np.deg2rad(degrees))
         rows = [(f"{degree:03d} deg", (Number(f"card[{degree}]", float(error), quantity="angle"),))
                 for degree, error in zip(degrees.tolist(), errors, strict=True)]  # fmt: skip
         return Grid("card", "deviation card: error of the heading", ("error",), tuple(rows), detail=True)
@@ -161,7 +163,7 @@ class MagFit(Result):
     def _tilted(self) -> dict[str, Number]:
         """What a tilt does to the heading: its error where the vehicle is tilted; a plane has none."""
         tilts, yaw = (_TILTS if np.isfinite(self.heading_error[1]) else ()), HEADINGS
-        found = {tilt: np.sqrt(np.mean(heading_at(self, yaw, tilt=np.deg2rad(tilt)) ** 2)) for tilt in tilts}
+        found = {tilt: np.sqrt(np.mean(heading_uncertainty(self, yaw, tilt=np.deg2rad(tilt)) ** 2)) for tilt in tilts}
         return {f"at {tilt} deg of tilt": Number(f"heading_error_{tilt}", float(one), quantity="angle") for tilt, one in found.items()}
 
     def _details(self) -> list[tuple[str, Number]]:
@@ -186,3 +188,150 @@ def _within(name: str, grid: Any) -> Grid:
         for label, cells in grid.rows
     )
     return grid._replace(rows=rows)
+
+
+class Check(Result):
+    """Errors of a calibration on readings, beside the errors to expect.
+
+    Attributes
+    ----------
+    norm, expected_norm : rms of (magnitude of the corrected reading / field - 1): found, and expected from noise and calibration error.
+    heading, expected_heading : rms heading error in rad: found, and expected. NaN without known headings.
+    count : number of readings.
+    table : (k, 5) one row for each sector of 30 degrees with readings: heading in rad, number of readings, mean heading error and its
+        standard deviation in rad, rms of the magnitude error.
+    findings : one if an error exceeds the expected one by more than chance (5 %) explains.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> from jaxcal.magnetometer import body_field, check, scenario
+    >>> m = body_field(scenario("all"), 50.0) + 0.1 * np.random.default_rng(0).normal(size=(360, 3))
+    >>> seen = check(jaxcal.magnetometer.fit(m[:200]), m[200:])
+    >>> seen.verdict, seen.count
+    ('good', 160)
+    """
+
+    norm: float
+    expected_norm: float
+    heading: float
+    expected_heading: float
+    count: int
+    table: AnyArray
+    findings: tuple[Finding, ...] = eqx.field(static=True, default=())
+
+    @property
+    def headline(self) -> str:
+        """The error of the readings held back, and the expected one."""
+        if np.isfinite(self.heading):
+            return f"headings off by {np.rad2deg(self.heading):.2g} deg rms, {np.rad2deg(self.expected_heading):.2g} deg expected"
+        return f"magnitudes off by {100 * self.norm:.2g} % rms, {100 * self.expected_norm:.2g} % expected"
+
+    def sections(self) -> list[Section]:
+        """Errors beside the expected ones, and the errors by heading."""
+        rows = {
+            "readings held back": Number("count", self.count), "their magnitudes are off by": Number("norm", 100 * self.norm, quantity="%"),
+            "expected": Number("expected_norm", 100 * self.expected_norm, quantity="%"),
+            "their headings are off by": Number("heading", self.heading, quantity="angle"),
+            "expected ": Number("expected_heading", self.expected_heading, quantity="angle"),
+        }  # fmt: skip
+        units = {"readings": "ratio", "error": "angle", "scatter": "angle", "norm": "ratio"}
+        cells = [
+            (f"at {np.rad2deg(heading):.0f} deg", tuple(Number(f"at[{i}].{name}", float(x), quantity=units[name])
+                                                        for name, x in zip(units, row, strict=True)))
+            for i, (heading, *row) in enumerate(np.asarray(self.table))
+        ]  # fmt: skip
+        columns = ("readings", "error (rad)", "scatter (rad)", "magnitude")
+        return [
+            listed("check", "check", [(label, one) for label, one in rows.items() if np.isfinite(one.value)]),
+            Grid("by_heading", "residuals by heading", columns, tuple(cells), detail=True),
+        ]
+
+
+@host_float64
+def check(found: MagFit, m: Samples, *, accel: Samples | None = None, headings: Samples | None = None) -> Check:
+    r"""Errors of a calibration on readings that were held back from it, beside the errors that it predicts.
+
+    The magnitude of a corrected reading, divided by the field, has the variance
+
+    .. math:: \frac{\sigma^2}{H^2} |C^{-T} \hat y|^2 + r\,\mathrm{Cov}\,r^T
+
+    where r are the slopes of the magnitude with respect to shape and hard iron. The variance of a heading is the sum of the calibration's
+    variance and that of the reading's own noise.
+
+    Parameters
+    ----------
+    found : a fit with a model that is not planar.
+    m : (n, 3) readings that `found` has not seen, in its unit.
+    accel : (n, 3) specific force at rest, in the axes of the corrected field. It gives the dip, and headings of a sensor that is not level.
+    headings : (n,) known magnetic headings in rad; NaN where a heading is unknown.
+
+    Returns
+    -------
+    Check
+
+    Raises
+    ------
+    DataError
+        If the fit has no model, or the shapes differ.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> from jaxcal.magnetometer import body_field, check, scenario
+    >>> m = body_field(scenario("all"), 50.0) + 0.1 * np.random.default_rng(0).normal(size=(360, 3))
+    >>> found = jaxcal.magnetometer.fit(m[::2])
+    >>> print(check(found, m[1::2]).verdict)
+    good
+
+    References
+    ----------
+    First-order propagation; the limit is the 95 % quantile of the F distribution.
+    """
+    if found.model is None or found.kind == "planar" or "usual" in found._about:
+        raise DataError("A check needs a fit with a model that is not planar, and no model object.", code="no_model")
+    m = vectors(m, "readings")
+    if not len(m) or not np.isfinite(m).all():
+        raise DataError(f"A check needs readings that are finite numbers; got {len(m)}.", code="not_finite")
+    inverse, field = np.linalg.inv(np.asarray(found.model.soft_iron)), float(found.field)
+    y = (m - np.asarray(found.model.hard_iron)) @ inverse.T
+    off, push = np.linalg.norm(y, axis=1) / field - 1, np.linalg.norm(unit(y) @ inverse, axis=1)
+    # the slope of the magnitude is that of the distance times the length of the surface's normal, C^-T y
+    rows, known = distance_slopes(found.model, field, unit(y)) * push[:, None] / field, np.asarray(found.estimate.matrix)[:13, :13]
+    variance = (found.noise / field * push) ** 2 + np.sum((rows @ known) * rows, axis=1)
+    norm, expected = float(np.sqrt(np.mean(off**2))), float(np.sqrt(np.mean(variance))) if np.isfinite(known).all() else np.inf
+    up = np.tile([0.0, 0.0, -1.0], (len(m), 1)) if accel is None else verticals(accel)
+    of = None if headings is None else np.asarray(headings, dtype=float)
+    if up.shape != m.shape:
+        raise DataError(f"There are {len(m)} readings and {len(up)} rows of specific force; give one for each reading.", code="rows_differ")
+    level, measured = np.sqrt(1 - np.clip(np.sum(unit(y) * up, axis=1), -1, 1) ** 2), np.full(len(m), np.nan)
+    if headings is not None or accel is not None:
+        flat = level > STEEPEST
+        measured[flat] = np.asarray(heading(y[flat], 9.81 * up[flat]))
+    of = measured if of is None else of
+    if of.shape != (len(m),):
+        raise DataError(f"The headings have shape {of.shape}; give one for each of {len(m)} readings, NaN where none is known.",
+                        code="rows_differ")  # fmt: skip
+    error = np.angle(np.exp(1j * (measured - of))) if headings is not None else np.full(len(m), np.nan)
+    there, rms, told = np.isfinite(error), float("nan"), float("nan")
+    if there.any():
+        rms = float(np.sqrt(np.mean(error[there] ** 2)))
+        by_calibration = found.heading_error[0 if accel is None else 1]
+        told = float(np.hypot(by_calibration, np.sqrt(np.mean((found.noise / field / level[there]) ** 2))))
+    most = float(np.sqrt(scipy.special.fdtri(_PARAMETERS, float(found.estimate.freedom[0]), 0.95)))
+    wrong = norm > max(most * expected, EXACT) or rms > max(most * told, EXACT)  # the second is false without known headings
+    said = (FINDINGS("check", count=len(m)),) if wrong else ()
+    return Check(norm, expected, rms, told, len(m), _table(of, error, off), said)
+
+
+def _table(of: np.ndarray, error: np.ndarray, off: np.ndarray) -> np.ndarray:
+    """One row for each sector with readings."""
+    there, sectors = np.isfinite(of), HEADINGS[::2]
+    sector, rows = np.round(of[there] / sectors[1]) % len(sectors), []
+    for one in np.unique(sector):
+        here = sector == one
+        turned = error[there][here]
+        rows.append((sectors[int(one)], np.sum(here), np.mean(turned), np.std(turned), np.sqrt(np.mean(off[there][here] ** 2))))
+    return np.array(rows, dtype=float).reshape(-1, 5)

@@ -18,11 +18,10 @@ from ..fitting._information import symmetric_inverse
 from ..fitting._serial import BLOCKS, CHANCE, by_parts, followed, span_of
 from . import _quadric as quadric
 from ._aids import Asked
-from ._directions import bins
+from ._field import lattice
 from ._findings import FINDINGS
-from ._model import MagModel
+from ._model import MagModel, Measured
 from ._orthogonal import Ellipsoids, Found, maximised, nearest, slopes_of
-from ._own_model import Measured
 from ._quadric import COUNT, EXACT, NEAR_PLANAR, SYMMETRIC, UPPER, Chosen, Frame, NotEllipsoid, basis_of, begun, inverse_of, unit
 
 _TUKEY, _ROUNDS = 4.685, 4  # constant of Tukey's biweight, 95 % efficient with normal noise; rounds
@@ -81,19 +80,10 @@ class Surface(NamedTuple):
     spread: Any = None
     alignment: Any = None
 
-
-class _Ready(NamedTuple):
-    """Readings (n, 3) ready to fit, their frame and themselves in it; entries (12,) of S and centre near them; how many are distinct.
-
-    own : surfaces of a model object, with the parameters and the unit fields near which to begin.
-    """
-
-    m: Any
-    frame: Frame
-    u: Any
-    near: Any = None
-    count: int = 0
-    own: tuple[Measured, Any, Any] | None = None
+    @property
+    def kind(self) -> str:
+        """The kind of the surface, or of the fit with a sensor beside it."""
+        return "none" if self.model is None else self.joint or self.found.kind
 
 
 def surface_of(asked: Asked, picked: Chosen) -> Surface:
@@ -107,13 +97,11 @@ def surface_of(asked: Asked, picked: Chosen) -> Surface:
     return one if one.found is None else _uncertain(one, asked.conditions)
 
 
-def _prepared(asked: Asked, picked: Chosen) -> _Ready | Surface:
-    """The chosen readings in their frame, without a heavy tail; or the finding why they show no surface, or their plane."""
+def _prepared(asked: Asked, picked: Chosen) -> Chosen | Surface:
+    """The chosen readings, without a heavy tail; or the finding why they show no surface, or their plane."""
     m, frame, near, auto = picked.m, picked.frame, picked.near, asked.method == "ml" and asked.model in ("auto", "planar")
-    if asked.parts is not None:
-        return _Ready(m, frame, m, near, own=_object(asked, m, frame, near))
-    if asked.traced:
-        return _Ready(m, frame, frame.in_frame(m), near)
+    if asked.parts is not None or asked.traced:
+        return picked if near is not None else Surface(said=(FINDINGS("no_ellipsoid"),))
     count = _distinct(m)
     least = "sphere" if auto else "symmetric" if asked.model == "auto" else asked.model
     if count <= COUNT[least] or frame.scale < EXACT * np.abs(m).max():
@@ -129,17 +117,20 @@ def _prepared(asked: Asked, picked: Chosen) -> _Ready | Surface:
     if asked.model == "planar" or (spread[2] < NEAR_PLANAR and auto):
         normal = np.linalg.svd(u, full_matrices=False)[2][2]
         return Surface(plane=normal * np.sign(normal[np.argmax(np.abs(normal))]))
-    return _Ready(m, frame, u, near, count)
+    return picked._replace(m=m, frame=frame, near=near)
 
 
-def _fitted(asked: Asked, picked: Chosen, ready: _Ready) -> Surface:
+def _fitted(asked: Asked, picked: Chosen, ready: Chosen) -> Surface:
     """The surface of the model asked for or, of the kinds that the largest does not exclude, of that which the readings show.
 
     Kinds need more distinct readings than parameters. Beside the fit by another method, that of maximum likelihood shows its bias.
     """
-    u, failure, auto = ready.u, "quadric with more parameters than readings", asked.method == "ml" and asked.model == "auto"
-    fits, full, count, near = {}, None, 0, ready.near
-    kinds = [kind for kind in reversed(COUNT) if ready.count > COUNT[kind]] if auto else ["symmetric" if ready.own else asked.model]
+    u, auto, near = ready.frame.in_frame(ready.m), asked.method == "ml" and asked.model == "auto", ready.near
+    if asked.parts is not None:
+        surface, *begin = _object(asked, ready.m, ready.frame, near)
+        return _of_object(asked, surface, maximised(surface, *begin))
+    fits, full, count = {}, None, 0
+    kinds = [kind for kind in reversed(COUNT) if _distinct(picked.m) > COUNT[kind]] if auto else [asked.model]
     ways = {"consistent": ["consistent"], "constrained": ["symmetric", "constrained"]}.get(asked.method, kinds)
     for way in ways:
         kind = way if way in COUNT else "symmetric"
@@ -150,27 +141,19 @@ def _fitted(asked: Asked, picked: Chosen, ready: _Ready) -> Surface:
             if _score(full.distance + full.near.slopes @ step, kind, count) > _score(full.distance, full.kind, count) + margin:
                 continue
             near = basis_of(kind) @ x if (x[: COUNT[kind] - 3] > 0).all() else None
-        if ready.own is not None:
-            surface, begin, h = ready.own
-        else:
-            try:
-                iron = begun(u, way) if near is None or way != kind else near
-            except NotEllipsoid as error:
-                failure = error.quadric
-                continue
-            surface, begin, h = Ellipsoids.of(u, kind), quadric.parameters_of(kind, iron), 0.0 * u
-        found = maximised(surface, begin, h, way != kind)
-        if not ready.own and not asked.traced and way == kind and not np.abs(found.parameters).max() < _FARTHEST:
-            failure = "plane"
+        try:
+            iron = begun(u, way) if near is None or way != kind else near
+        except NotEllipsoid:
+            continue
+        found = maximised(Ellipsoids.of(u, kind), quadric.parameters_of(kind, iron), 0.0 * u, way != kind)
+        if not asked.traced and way == kind and not np.abs(found.parameters).max() < _FARTHEST:
             continue
         fits[way] = found
         if auto and len(fits) == 1:
             count = _occupied(found.near.field)
             full = found if found.converged and np.isfinite(found.covariance).all() else None
-    if ready.own is not None:
-        return _of_object(asked, ready.own[0], found)
     if not fits or (not auto and ways[-1] not in fits):
-        return Surface(said=(FINDINGS("no_ellipsoid", quadric=failure),))
+        return Surface(said=(FINDINGS("no_ellipsoid"),))
     found = min(fits.values(), key=lambda one: _score(one.distance, one.kind, count)) if auto else fits[ways[-1]]
     one = ellipsoid(found, ready.frame, asked.norm)._replace(m=ready.m)
     if asked.traced:
@@ -270,7 +253,7 @@ def between(slopes: Any, covariance: Any) -> Any:
 
 def _occupied(field: np.ndarray) -> int:
     """Number of bins, of 500, that contain a unit field."""
-    return int(np.count_nonzero(np.bincount(bins(unit(field)))))
+    return len(np.unique(lattice().query(unit(field))[1]))
 
 
 def radius_of(soft: Any) -> Any:
@@ -315,16 +298,12 @@ def _calmed(m: np.ndarray, frame: Frame, near: np.ndarray) -> tuple[np.ndarray, 
 
 
 def _object(asked: Asked, m: Any, frame: Frame, near: Any) -> tuple[Measured, Any, Any]:
-    """The surfaces of a model object; parameters to begin with, of the algebraic fit or else of its values, and unit fields (n, 3)."""
-    field, (given, _, _) = asked.norm, asked.parts
-    xp, kind = m.__array_namespace__(), m.dtype
-    left, values, right = xp.linalg.svd(given[:9].reshape(3, 3))
-    turn, soft, hard, more = left @ right, (left * values[None]) @ left.T, given[9:12], given.size - 12
-    norm = xp.median(xp.linalg.norm(m - hard[None], axis=1)) if field is None else field
-    if near is not None:
-        iron = frame.scale * near
-        norm = radius_of(iron[:9].reshape(3, 3)) if field is None else field
-        soft, hard = iron[:9].reshape(3, 3) / norm, frame.centre + iron[9:]
+    """The surfaces of a model object; parameters to begin with, of the algebraic fit and its values, and unit fields (n, 3)."""
+    xp, kind, given = m.__array_namespace__(), m.dtype, asked.parts[0]
+    left, _, right = xp.linalg.svd(given[:9].reshape(3, 3))
+    turn, more, iron = left @ right, given.size - 12, frame.scale * near
+    norm = radius_of(iron[:9].reshape(3, 3)) if asked.norm is None else asked.norm
+    soft, hard = iron[:9].reshape(3, 3) / norm, frame.centre + iron[9:]
     basis = np.concatenate([basis_of("symmetric"), np.zeros((12, more))], axis=1).astype(kind)
     symmetric = (xp.asarray(SYMMETRIC.T.reshape(6, 3, 3), dtype=kind) @ turn).reshape(6, 9).T
     to_leaves = xp.concatenate([

@@ -8,7 +8,7 @@ import scipy  # loads its parts when they are first used
 
 from .._answer import CAUTION, NOTE, Curve, Finding, Number, Quantity, Result, Section, by_axis, listed
 from .._errors import DataError
-from .._log import LogLike, as_log
+from .._log import LogLike
 from .._precision import host_float64, real_numbers
 from .._special import NORMAL95
 from .._types import AnyArray, Checked, Numbers, Samples
@@ -17,10 +17,10 @@ from ..fitting._chain import Eliminated
 from ._aided import ROUNDS, SETTLED
 from ._field import INCLINATION
 from ._findings import FINDINGS
-from ._fit import fit
-from ._model import MagModel
-from ._quadric import LONG, SYMMETRIC, outliers
-from ._result import quantity_of
+from ._fit import fit, mag_of
+from ._judge import outliers
+from ._model import MagModel, quantity_of
+from ._quadric import LONG, SYMMETRIC
 
 _CLEAR = 9.0  # twice the logarithm of the likelihood by which a drift must gain: three standard deviations
 _WINDOWS = 24  # of the log: half of them are left out, and between them the path is compared with itself
@@ -190,10 +190,8 @@ def _interval(time: np.ndarray, seen: np.ndarray, walked: float, limit: float) -
 def _timed(m: Any, time: Any) -> tuple[np.ndarray, np.ndarray]:
     """Readings (n, 3) and their times (n,) in s."""
     if time is None:
-        log = as_log(m)
-        if log.mag is None or log.mag.shape[1] != 3:
-            raise DataError("the log has no magnetometer of three axes", code="no_mag")
-        m, time = log.usable("mag"), log.time + np.nan_to_num(log.offset.get("mag", 0.0))
+        log, m = mag_of(m)
+        time = log.time + np.nan_to_num(log.offset.get("mag", 0.0))
         there = np.isfinite(m).all(axis=1)
         m, time = m[there], time[there]
     m, time = real_numbers(m, "the readings"), real_numbers(time, "the times")

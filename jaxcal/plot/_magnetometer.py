@@ -9,7 +9,7 @@ from .._errors import DataError
 from .._types import Checked, Samples
 from .._units import shown_in
 from ..magnetometer import MagFit, heading_uncertainty
-from ..magnetometer._result import quantity_of
+from ..magnetometer._model import quantity_of
 from ._style import INK, MOST, SERIES, SHADE, cannot_draw, new_figure, style_axes
 
 if TYPE_CHECKING:

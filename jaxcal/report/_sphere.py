@@ -7,8 +7,8 @@ import numpy as np
 
 from .._units import shown_in
 from ..magnetometer import MagFit, heading_uncertainty
-from ..magnetometer._directions import attitude_in_words
-from ..magnetometer._result import quantity_of
+from ..magnetometer._judge import attitude_in_words
+from ..magnetometer._model import quantity_of
 from ..plot._magnetometer import region_corners
 from ._explore import short
 from ._html import MOST, Markup, data, each, evenly, tag

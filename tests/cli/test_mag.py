@@ -37,7 +37,7 @@ def test_it_finds_the_truth_and_writes_everything(simulated, folder):
     np.testing.assert_allclose(document["model"]["soft_iron"], truth, atol=6e-3)
     inverse = [[document["numbers"][f"correction[{i},{j}]"]["value"] for j in range(3)] for i in range(3)]
     np.testing.assert_allclose(np.linalg.inv(inverse), truth, atol=6e-3)
-    assert np.rad2deg(document["alignment"]["angle"]) == pytest.approx(2.0, abs=0.3)
+    assert np.rad2deg(document["numbers"]["alignment.angle"]["value"]) == pytest.approx(2.0, abs=0.3)
     assert "hard iron      uT" in found.out
     assert len(found.out.splitlines()) <= 30
     page = (folder / "tumble-mag" / "report.html").read_text()
@@ -198,7 +198,7 @@ def test_known_attitudes_give_the_rotation_and_a_table(call, folder, swung):
     assert "their headings are off by" in found.out
     document = json.loads((folder / "out.json").read_text())
     assert document["alignment"]["source"] == "headings"
-    assert np.rad2deg(document["alignment"]["angle"]) == pytest.approx(3.0, abs=0.3)
+    assert np.rad2deg(document["numbers"]["alignment.angle"]["value"]) == pytest.approx(3.0, abs=0.3)
     assert document["numbers"]["readings"]["value"] == 162
     assert "check.at[0].error" in document["numbers"]
     assert document["check"]["verdict"] == "good"

@@ -135,8 +135,7 @@ def test_moments_refuse_what_they_cannot_use(refuses):
     moments = Moments()
     assert moments.solve() == "refused"
     assert moments.reasons == ("few",)
-    with refuses("no_fit"):
-        moments.correct([1.0, 2.0, 3.0])
+    assert moments.model is None
     with refuses("bad_method"):
         moments.solve("ml")
     with refuses("bad_moments"):

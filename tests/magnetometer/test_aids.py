@@ -120,8 +120,8 @@ def test_a_delay_that_the_turns_do_not_show_is_said():
     for step in Rotation.from_rotvec(steps[:-1] / 10.0).as_matrix():
         body.append(body[-1] @ step)
     field = np.swapaxes(body, 1, 2) @ np.array([0.5, 0.0, 0.8]) + 0.01 * np.random.default_rng(0).normal(size=(600, 3))
-    found = fit(field, aid=Gyroscope(steps, 10.0)).alignment
-    assert found.delay_error > 0.02
+    found = fit(field, aid=Gyroscope(steps, 10.0))
+    assert found.alignment.delay_error > 0.02
     assert "delay_open" in found.codes
 
 

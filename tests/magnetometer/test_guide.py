@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from jaxcal import DataError
 from jaxcal.magnetometer import fit, guide
-from jaxcal.magnetometer._directions import attitude_in_words, heading_change
+from jaxcal.magnetometer._judge import attitude_in_words, heading_change
 
 SOFT = np.array([[1.1, 0.06, -0.04], [0.06, 0.92, 0.05], [-0.04, 0.05, 1.0]])
 HARD = np.array([0.3, -0.2, 0.4])
@@ -49,12 +49,14 @@ def replayed(m):
     """Choose readings from a log by advice: returns how many are needed for the limit, and the advice that stops."""
     taken, left, reached = [0], list(range(1, len(m))), None
     while left:
-        advice = guide(m[taken], limit=LIMIT, candidates=m[left])
+        advice = guide(m[taken], limit=LIMIT)
         if reached is None and advice.heading_error <= LIMIT:
             reached = len(taken)
         if advice.stop:
             return reached, advice
-        taken.append(left.pop(advice.candidate))
+        centre = np.mean(m[taken], axis=0) if advice.fit is None else advice.fit.model.hard_iron
+        u = m[left] - centre
+        taken.append(left.pop(np.argmax(u @ advice.direction / np.linalg.norm(u, axis=1))))
     return reached, advice
 
 
@@ -132,4 +134,3 @@ def test_messages():
         guide(np.zeros(3))
     with pytest.raises(DataError, match="limit must be positive"):
         guide(np.zeros((3, 3)), limit=0.0)
-    assert guide(np.zeros((5, 3)), candidates=np.ones((2, 3))).candidate == 0

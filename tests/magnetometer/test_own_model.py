@@ -152,7 +152,7 @@ def test_what_the_readings_leave_open_is_named():
     ("options", "code"),
     [
         ({"conditions": {"temperature": WARMTH[:5]}}, "condition_shape"),
-        ({"conditions": {"temperature": WARMTH}, "method": "consistent"}, "model_object_options"),
+        ({"conditions": {"temperature": WARMTH}, "method": "consistent"}, "no_such_model"),
         ({"conditions": {"temperature": WARMTH[:5]}, "model": "symmetric"}, "condition_shape"),
         ({"conditions": {"temperature": np.full(COUNT, np.nan)}}, "condition_not_finite"),
     ],

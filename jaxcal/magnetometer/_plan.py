@@ -1,4 +1,4 @@
-"""Uncertainty of a calibration: `heading_uncertainty` after a fit; `predict` and `plan` before readings are taken."""
+"""Which attitudes to read: `predict` and `plan` before any reading is taken, `guide` from one reading to the next."""
 
 import functools
 
@@ -9,56 +9,18 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
-from .._precision import array_module, host_float64
+from .._precision import array_module, host_float64, real_numbers
 from .._types import Any, AnyArray, Array, Samples
-from ._directions import both_tilts, by_iron, heading_at
-from ._field import INCLINATION, unit_field
-from ._judge import sphere_rows
+from ._beside import sphere_centre
+from ._field import INCLINATION, sphere_grid, unit_field
+from ._fit import fit
+from ._judge import TILT, attitude_in_words, by_iron, distance_slopes, heading_slopes, sphere_rows
 from ._model import MagModel
-from ._quadric import basis_of
+from ._quadric import COUNT, basis_of, unit
 from ._result import MagFit
 
-_STARTS, _FEWEST = 4, 10  # random plans, of which the best is kept; readings: one more than parameters
-
-
-@host_float64
-def heading_uncertainty(found: MagFit, headings: Samples, *, tilt: float | int = 0.0) -> AnyArray:
-    r"""Standard deviation of the heading due to the errors of a fit, for readings without noise and a true vertical.
-
-    .. math:: \sigma_\psi^2 = j\,\mathrm{Cov}\,j^T,\qquad j = \partial\psi/\partial(A, b)
-
-    Parameters
-    ----------
-    found : a fit with a model. The result excludes the error of an aligned rotation; `found.heading_error` includes it.
-    headings : (n,) headings in rad.
-    tilt : angle of the sensor from level, rad; the result is the rms over eight directions of tilt. Ignored for a planar fit.
-
-    Returns
-    -------
-    (n,) rad.
-
-    Raises
-    ------
-    DataError
-        If the fit has no model.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import jaxcal
-    >>> from jaxcal.magnetometer import body_field, heading_uncertainty, scenario
-    >>> m = body_field(scenario("three_turns"), 50.0) + 0.1 * np.random.default_rng(0).normal(size=(360, 3))
-    >>> found = jaxcal.magnetometer.fit(m, model="symmetric")
-    >>> bool(np.all(heading_uncertainty(found, np.linspace(0, 6, 7)) < np.deg2rad(1)))
-    True
-
-    References
-    ----------
-    V. Renaudin, M. H. Afzal and G. Lachapelle, J. Sensors 2010, 967245, for the model; first-order propagation.
-    """
-    if found.model is None:
-        raise DataError(f"The fit has no model: {found.reason}", code="no_model")
-    return heading_at(found, np.atleast_1d(np.asarray(headings, dtype=float)), float(tilt))
+_STARTS, _LEAST = 4, COUNT["symmetric"] + 1  # random plans, of which the best is kept; readings
+_FEWEST = 12  # number of readings from which the fit gives the advice; before, the largest gap between directions does
 
 
 class Plan(eqx.Module):
@@ -94,7 +56,8 @@ def _variance(attitudes: Array, inclination: Array, weight: Array) -> Array:
 @functools.cache
 def _weights(inclination: float) -> np.ndarray:
     """Mean of the outer products of the heading's slopes by S and centre about C = I, at level and tilted, (2, 9, 9)."""
-    both = both_tilts(by_iron(MagModel(np.eye(3), np.zeros(3)), 1.0), inclination, np.array([0.0, 0.0, 1.0]))
+    change, down = by_iron(MagModel(np.eye(3), np.zeros(3)), 1.0), np.array([0.0, 0.0, 1.0])
+    both = [heading_slopes(change, inclination, down, tilt) for tilt in (0.0, TILT)]
     slopes = [np.concatenate([rows[:, 3:12], rows[:, :3]], axis=1) @ basis_of("symmetric") for rows in both]
     return np.array([rows.T @ rows / len(rows) for rows in slopes])
 
@@ -138,8 +101,8 @@ def predict(attitudes: Samples, noise: float | int, *, inclination: float | int 
     Signal Processing: Estimation Theory, 1993, chapter 3.
     """
     poses: Any = array_module(attitudes).asarray(attitudes, dtype=float)
-    if poses.ndim != 2 or poses.shape[1] != 3 or len(poses) < _FEWEST:
-        raise DataError(f"The attitudes have shape {poses.shape}; expected (n, 3) with at least {_FEWEST} rows.", code="bad_shape")
+    if poses.ndim != 2 or poses.shape[1] != 3 or len(poses) < _LEAST:
+        raise DataError(f"The attitudes have shape {poses.shape}; expected (n, 3) with at least {_LEAST} rows.", code="bad_shape")
     if not noise > 0 or not abs(inclination) < np.pi / 2:
         raise DataError("The noise must be positive, relative to the field, and the inclination within 90 degrees.", code="bad_value")
     values = [_value(jnp.asarray(poses), jnp.asarray(inclination), jnp.asarray(w)) for w in _weights(float(inclination))]
@@ -192,8 +155,8 @@ def plan(
     for low, high, name in ((*elevation, "elevation"), (*bank, "bank")):
         if not low <= high:
             raise DataError(f"The {name} from {low:g} to {high:g} is no interval; give the lowest first.", code="no_interval")
-    if count < _FEWEST or not noise > 0 or not abs(inclination) < np.pi / 2 or not (limit is None or limit > 0):
-        raise DataError(f"A plan needs {_FEWEST} attitudes or more, a positive noise, and an inclination within 90 degrees; got {count}.",
+    if count < _LEAST or not noise > 0 or not abs(inclination) < np.pi / 2 or not (limit is None or limit > 0):
+        raise DataError(f"A plan needs {_LEAST} attitudes or more, a positive noise, and an inclination within 90 degrees; got {count}.",
                         code="bad_value")  # fmt: skip
     rng, weight = np.random.default_rng(seed), jnp.asarray(_weights(float(inclination)).mean(axis=0))
     bounds = [(None, None), elevation, bank] * count
@@ -213,3 +176,101 @@ def plan(
         raise DataError("The attitudes that are allowed leave the calibration open; allow more elevation or bank.", code="undetermined")
     repeats = 1 if limit is None else max(int(np.ceil((error.max() / limit) ** 2)), 1)
     return Plan(best[np.argsort(best[:, 0])], error / np.sqrt(repeats), repeats)
+
+
+class Guide(eqx.Module):
+    """Advice on the next reading.
+
+    Attributes
+    ----------
+    stop : whether 19 of 20 calibrations from such readings have a heading error below the limit.
+    direction : (3,) unit vector in the sensor's axes along which the field should point at the next reading; None after the last.
+    heading_error : expected rms heading error in rad of the readings so far; infinite with fewer than twelve readings.
+    bound : heading error in rad that 19 of 20 calibrations stay below.
+    reason : the advice as a sentence.
+    fit : the fit of the readings so far; None with fewer than twelve.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.magnetometer import body_field, guide, scenario
+    >>> m = body_field(scenario("all"), 50e-6) + 50e-9 * np.random.default_rng(0).normal(size=(len(scenario("all")), 3))
+    >>> found = guide(m[:5])
+    >>> found.stop, found.reason[:40]
+    (False, '5 readings; from 12 on an error can be s')
+    """
+
+    stop: bool
+    direction: AnyArray | None
+    heading_error: float
+    bound: float
+    reason: str
+    fit: MagFit | None
+
+
+@host_float64
+def guide(m: Samples, *, limit: float = np.deg2rad(1.0), inclination: float | None = None) -> Guide:
+    r"""Which reading would lower the heading error most, and whether the readings so far are enough.
+
+    A reading whose distance to the ellipsoid has the slope r lowers the mean square heading error tr(W C) by
+
+    .. math:: \frac{r C W C r^T}{\sigma^2 + r C r^T},
+
+    where C is the covariance of the nine parameters, W the mean outer product of the heading's slopes, and :math:`\sigma` the noise of a
+    reading. With fewer than twelve readings, the next direction is the one farthest from those seen. The readings are enough when 19 of 20
+    calibrations are below the limit (`MagFit.heading_limit`).
+
+    Parameters
+    ----------
+    m : (n, 3) readings so far, in tesla or in counts.
+    limit : wanted rms heading error in rad, at level.
+    inclination : dip of the field in rad, as in `fit`.
+
+    Returns
+    -------
+    Guide
+
+    Raises
+    ------
+    DataError
+        If the readings are not (n, 3) finite numbers, or the limit is not positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.magnetometer import body_field, guide, scenario
+    >>> m = body_field(scenario("all"), 50e-6) + 50e-9 * np.random.default_rng(0).normal(size=(len(scenario("all")), 3))
+    >>> few, many = guide(m[:5]), guide(m)
+    >>> few.stop, many.stop
+    (False, True)
+
+    References
+    ----------
+    V. Fedorov, Theory of Optimal Experiments, 1972 (sequential L-optimal design).
+    """
+    m = real_numbers(m, "the readings")
+    if m.ndim != 2 or m.shape[1] != 3 or not np.isfinite(m).all():
+        raise DataError(f"The readings must be (n, 3) finite numbers; got the shape {m.shape}.")
+    if not limit > 0:
+        raise DataError(f"The limit must be positive, in rad; got {limit:g}.")
+    grid, few = sphere_grid(), len(m) < _FEWEST
+    found = None if few else fit(m, model="symmetric", inclination=inclination)
+    error = bound = np.inf
+    if found is None or found.model is None or not np.isfinite(np.asarray(found.estimate.matrix)).all():
+        # the direction farthest from those seen
+        centre = sphere_centre(m) if len(m) else np.zeros(3)
+        gain = -(grid @ unit(m - centre).T).max(axis=1, initial=-1.0)
+        told = f"{len(m)} readings; from {_FEWEST} on an error can be stated" if few else "the readings leave the calibration open"
+    else:
+        slopes = heading_slopes(by_iron(found.model, found.field), float(found.inclination), found.down)
+        covariance, weight = np.asarray(found.estimate.matrix), slopes.T @ slopes / len(slopes)
+        rows = distance_slopes(found.model, float(found.field), grid)
+        variance = found.noise**2 + np.sum((rows @ covariance) * rows, axis=1)
+        gain = np.sum((rows @ (covariance @ weight @ covariance)) * rows, axis=1) / variance
+        error, bound = float(found.heading_error[0]), found.heading_limit
+        told = f"heading error {np.rad2deg(error):.2g} deg expected, below {np.rad2deg(bound):.2g} deg in 19 of 20 logs"
+    if found is not None and bound <= limit and found.verdict != "refused":
+        return Guide(True, None, error, bound, f"Stop: {told}.", found)
+    best = grid[np.argmax(gain)]
+    dip = inclination if inclination is not None else INCLINATION if found is None else float(found.inclination)
+    return Guide(False, best, error, bound, f"{told}. Next: {attitude_in_words(best, dip)}.", found)
