@@ -101,6 +101,11 @@ def namespace(*trees: Any, concrete: bool = False) -> ModuleType:
     return jnp if any(isinstance(leaf, kind) for leaf in jax.tree.leaves(trees)) else np
 
 
+def summed_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Sum of a_k' b_k over k, of (k, r, p) and (k, r, q): one small product for each k. A large one wakes the threads of BLAS, which spin."""
+    return (np.swapaxes(a, 1, 2) @ b).sum(axis=0)
+
+
 def skew(v: Any) -> Any:
     """Matrices (..., 3, 3) of the cross product with v (..., 3), of NumPy or JAX."""
     if not isinstance(v, np.ndarray):

@@ -6,6 +6,7 @@ import itertools
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._arrays import summed_product
 from .._units import factor
 from ..fitting import Chain
 from ..fitting._serial import BLOCKS, CHANCE, leave_out_pieces
@@ -178,8 +179,8 @@ def _asked(found: Solution, field: np.ndarray, inner: np.ndarray) -> tuple[np.nd
     border[:-1, :3] = np.swapaxes(here, 1, 2) @ flat
     border[:-1, :9] += by[:, size : size + 9]
     border[1:, :9] += by[:, size + 9 :]
-    between = np.einsum("krp,krq->pq", own, flat, optimize=True) + by[:, free].sum(axis=0)
-    corner = np.einsum("krp,krq->pq", flat, flat, optimize=True) + np.einsum("krp,krq->pq", inner, inner, optimize=True)
+    between = summed_product(own, flat) + by[:, free].sum(axis=0)
+    corner = summed_product(flat, flat) + summed_product(inner, inner)
     push = np.einsum("krq,kr->q", flat, rows.field.reshape(count, -1)) + np.einsum("krq,kr->q", inner, rows.inertial)
     more = Chain(
         chain.links, chain.ties, np.concatenate([chain.border, border], axis=2), np.block([[chain.corner, between], [between.T, corner]]),

@@ -224,20 +224,21 @@ def chain_of(found: Rows, free: np.ndarray) -> Chain:
     count, size = len(found.inertial), len(NAMES)
     links, ties = np.zeros((count + 1, LINK, LINK)), np.zeros((count, LINK, LINK))
     border, score = np.zeros((count + 1, LINK, len(free))), np.zeros((count + 1, LINK))
-    ends, own = np.swapaxes(found.inertial_by[..., size:], 1, 2), np.take(found.inertial_by, free, axis=-1)
-    normal, across, push = ends @ np.swapaxes(ends, 1, 2), ends @ own, (ends @ found.inertial[..., None])[..., 0]
-    links[:-1, :9, :9], ties[:, :9, :9] = normal[:, :9, :9], normal[:, :9, 9:]
-    links[1:, :9, :9] += normal[:, 9:, 9:]
-    border[:-1, :9] = across[:, :9]
-    border[1:, :9] += across[:, 9:]
-    score[:-1, :9] = push[:, :9]
-    score[1:, :9] += push[:, 9:]
-    own = own.reshape(-1, len(free))
-    corner, right = own.T @ own, own.T @ found.inertial.ravel()
-    turn, own = np.swapaxes(found.field_by[..., size:].reshape(count, -1, 3), 1, 2), np.take(found.field_by, free, axis=-1)
-    own = own.reshape(count, -1, len(free))
-    links[:-1, :3, :3] += turn @ np.swapaxes(turn, 1, 2)
-    border[:-1, :3] += turn @ own
-    score[:-1, :3] += (turn @ found.field.reshape(count, -1, 1))[..., 0]
-    own = own.reshape(-1, len(free))
-    return Chain(links, ties, border, corner + own.T @ own, score, right + own.T @ found.field.ravel())
+
+    # one product for each window, see `summed_product`
+    def products(by: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        by = np.take(by, [*range(size, by.shape[-1]), *free], axis=-1).reshape(count, -1, by.shape[-1] - size + len(free))
+        back = np.swapaxes(by, 1, 2)
+        return back @ by, (back @ residual.reshape(count, -1, 1))[..., 0]
+
+    (moved, push), (turned, pull) = products(found.inertial_by, found.inertial), products(found.field_by, found.field)
+    links[:-1, :9, :9], ties[:, :9, :9] = moved[:, :9, :9], moved[:, :9, 9:18]
+    links[1:, :9, :9] += moved[:, 9:18, 9:18]
+    links[:-1, :3, :3] += turned[:, :3, :3]
+    border[:-1, :9], score[:-1, :9] = moved[:, :9, 18:], push[:, :9]
+    border[1:, :9] += moved[:, 9:18, 18:]
+    border[:-1, :3] += turned[:, :3, 3:]
+    score[1:, :9] += push[:, 9:18]
+    score[:-1, :3] += pull[:, :3]
+    corner = moved[:, 18:, 18:].sum(axis=0) + turned[:, 3:, 3:].sum(axis=0)
+    return Chain(links, ties, border, corner, score, push[:, 18:].sum(axis=0) + pull[:, 3:].sum(axis=0))

@@ -231,7 +231,7 @@ def axes_of(vectors: np.ndarray, rates: np.ndarray, rate: float, names: tuple[st
         attitude = [np.broadcast_to(np.eye(3), (count, 3, 3))]
         for k in range(step.shape[1]):
             attitude.append(attitude[-1] @ step[:, k])
-        back = np.einsum("msij,tkj,smk->tsmi", np.array(attitude), turns, v, optimize=True)
+        back = np.einsum("msij,tsmj->tsmi", np.array(attitude), v @ turns[:, None])
         back = back.reshape(len(turns), count, 5, fifth, 3).mean(axis=3)
         scatter.append(np.sqrt(np.mean(np.var(back, axis=2), axis=2)))
     matrices = np.concatenate([turns, -turns])

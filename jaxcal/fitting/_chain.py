@@ -5,6 +5,8 @@ import dataclasses
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._arrays import summed_product
+
 
 @dataclasses.dataclass
 class Chain:
@@ -50,7 +52,7 @@ class Chain:
         factor = scipy.linalg.cholesky_banded(banded, lower=True, overwrite_ab=True, check_finite=False)
         sides = np.concatenate([self.border, self.link_score[..., None]], axis=2).reshape(count * size, width + 1)
         solved = scipy.linalg.cho_solve_banded((factor, True), sides, check_finite=False).reshape(count, size, width + 1)
-        inner = np.einsum("kna,knb->ab", self.border, solved, optimize=True)
+        inner = summed_product(self.border, solved)
         return Eliminated(self.corner - inner[:, :-1], self.score - inner[:, -1], solved[..., :-1], solved[..., -1],
                           2.0 * float(np.log(factor[0]).sum()))  # fmt: skip
 
@@ -60,7 +62,7 @@ class Chain:
         sides = np.concatenate([self.border, link_scores], axis=2).reshape(count * size, -1)
         solved = scipy.linalg.solveh_banded(_banded(self.links, self.ties), sides, lower=True, overwrite_ab=True, check_finite=False)
         solved = solved.reshape(count, size, -1)
-        inner = np.einsum("kna,knb->ab", self.border, solved, optimize=True)
+        inner = summed_product(self.border, solved)
         step = -np.linalg.solve(self.corner - inner[:, :width], scores - inner[:, width:])
         return -solved[..., width:] - solved[..., :width] @ step, step
 
