@@ -139,7 +139,7 @@ def sessions(run):
     return np.array([0.5 if test_thermal.scale_inside(found, truth, t) else 1.5 for t in (0.0, 12.0, 25.0, 40.0, 50.0)]), True, False
 
 
-MEMORY, TURNS = {"lack_accel", "lack_memory"}, {"held_out", "turns_disagree", "poor", "lack_gyro", "few_turns_left"}
+MEMORY, TURNS = {"lack_accel", "lack_memory", "memory_possible"}, {"held_out", "turns_disagree", "poor", "lack_gyro", "few_turns_left"}
 CASES = {
     "imu 24 poses": poses(set()), "imu 12 poses": poses(set(), poses=12), "imu six faces level to 1 deg": faces,
     "imu creep 0.05 %, 12 poses": poses(MEMORY, creep=5e-4, poses=12), "imu creep 0.1 %, 12 poses": poses(MEMORY, creep=1e-3, poses=12),
