@@ -822,7 +822,7 @@ def judge(path, case, sig):
             f
             for f in hit
             if wrong[0] in (*f.subject, f.facts.get("quantity"), f.facts.get("sensor"))
-            or (wrong[0] == "time" and f.code in ("rate_of_name", "seconds_or_rows", "slow_clock"))
+            or (wrong[0] == "time" and f.code in ("rate_of_name", "slow_clock"))
             or f.code in ("roles", "strange", "gravity_free", "several_columns")
         ]
         if attempt or not about:

@@ -5,13 +5,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from .._answer import Number
 from .._errors import DataError
-from .._precision import host_float64
 from .._special import student_quantile
 from .._types import AnyArray, Samples
 
@@ -147,33 +144,6 @@ class Estimate(eqx.Module):
             tuple(map(new, self.names)), self.values, self.matrix, self.freedom,
             {new(name): state for name, state in self.states.items()}, {new(name): one for name, one in quantities.items()},
         )  # fmt: skip
-
-    @host_float64
-    def through(self, function: Callable[[Any], Any], names: Sequence[str], quantities: Mapping[str, str] | None = None) -> "Estimate":
-        r"""Other parameters that follow from these, by the delta method: covariance J C J', with J the derivative by `jax.jacfwd`.
-
-        Parameters
-        ----------
-        function : (p,) values -> array; JAX traces it.
-        names : names of the entries of its result, in the order of `ravel`.
-        quantities : as for an `Estimate`.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> from jaxcal.fitting import Estimate
-        >>> found = Estimate(("x", "y"), np.array([3.0, 4.0]), np.diag([0.01, 0.04]))
-        >>> length = found.through(lambda v: (v[0] ** 2 + v[1] ** 2) ** 0.5, ["length"])
-        >>> round(float(length.values[0]), 3), round(float(length.error[0]), 3)
-        (5.0, 0.171)
-        """
-        values = jnp.asarray(np.asarray(self.values, dtype=float))
-        flat = lambda x: jnp.ravel(jnp.asarray(function(x)))  # noqa: E731
-        out, slope = np.asarray(flat(values)), np.asarray(jax.jacfwd(flat)(values))
-        held = np.array([self.states.get(name) == "held" for name in self.names])
-        matrix = np.where(held[:, None] | held, 0.0, np.asarray(self.matrix))
-        freedom = self.freedom.min() if len(self.freedom) else np.inf
-        return Estimate(tuple(names), out, slope @ matrix @ slope.T, freedom, None, quantities)
 
     def to_dict(self) -> dict[str, Any]:
         """Names, covariance and degrees of freedom for JSON; the values stand in `numbers` of the result."""

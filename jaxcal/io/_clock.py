@@ -287,8 +287,6 @@ def check_rate(clock: Clock, stated: tuple[float, str] | None, found: list[Findi
                 raise _wrong_unit(said, clock, names, rate, source=stated[1], stated=stated[0])
         if stated[1] != "the file states":  # in this case `_build` in `_read` adds the finding
             found.append(READ("rate_differs", source=stated[1], stated=stated[0], rate=rate))
-    if clock.unit == "s" and stated is None and clock.period == 1.0 and clock.seconds[0] in (0.0, 1.0):
-        found.append(READ("seconds_or_rows", clock=names))
     if rate < 0.5 and clock.unit != "date" and stated is None:
         found.append(READ("slow_clock", clock=names, unit=clock.unit, step=clock.period))
 

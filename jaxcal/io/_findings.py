@@ -18,8 +18,6 @@ READ = table(
     oscillator=Kind(CAUTION, "A guess: {clock} holds fractional frequencies.", "If they are phases: {option.data:phase}.", guess=True),
     nominal=Kind(CAUTION, "A guess: {clock} is in Hz, of an oscillator of {nominal:.10g} Hz.", "If that is wrong: {option.nominal:HZ}.",
                  guess=True),
-    seconds_or_rows=Kind(CAUTION, "A guess: {clock} rises by 1 in every row and is read as seconds.",
-                         "If it counts rows: {option.rate:HZ}.", guess=True),
     slow_clock=Kind(CAUTION, "A guess: {clock} in {unit} gives one sample every {step:.4g} s.",
                     "If that is wrong: {option.units:time=...}.", guess=True),
     device=Kind(NOTE, "The columns are those of {name}{sign}."),

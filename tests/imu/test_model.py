@@ -7,7 +7,6 @@ import pytest
 import scipy.linalg
 from scipy.spatial.transform import Rotation
 
-from jaxcal import _rotation
 from jaxcal.imu import Triad, gravity
 from jaxcal.imu._integrate import attitude
 from jaxcal.imu._model import turned_to
@@ -70,13 +69,6 @@ def test_conventions_are_the_three_factors_of_one_product():
         step = 1e-3
         finite = (turned_to(correction + step * change, name) - turned_to(correction - step * change, name)) / (2 * step)
         np.testing.assert_allclose(np.einsum("ijkl,kl->ij", slope, change), finite, atol=1e-7 * np.abs(finite).max())
-
-
-def test_rotations_are_those_of_scipy():
-    q, other = (Rotation.random(random_state=seed) for seed in (0, 1))
-    a, b = (jnp.asarray(one.as_quat(scalar_first=True)) for one in (q, other))
-    np.testing.assert_allclose(_rotation.matrix(_rotation.normalised(3 * a)), q.as_matrix(), atol=1e-14)
-    np.testing.assert_allclose(_rotation.matrix(_rotation.product(a, b)), (q * other).as_matrix(), atol=1e-14)
 
 
 @pytest.mark.long
