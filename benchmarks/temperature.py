@@ -1,7 +1,7 @@
 """Tables of thermal models, with fixed seeds: jumps, noise, rate of change, hysteresis, and time of a fit.
 
     python benchmarks/temperature.py                  everything (an hour)
-    python benchmarks/temperature.py --only phantoms  one part: phantoms, noise, rate, lag, curves, hysteresis, speed
+    python benchmarks/temperature.py --only phantoms  one part: phantoms, noise, rate, lag, doubts, curves, hysteresis, speed
     python benchmarks/temperature.py --runs 20        fewer runs of each
 
 `_thermal.py` makes the records of the first four parts without jaxcal. In the other parts, errors compare the curve with the truth, in
@@ -9,6 +9,7 @@ mdeg/s.
 """
 
 import argparse
+import collections
 import time
 import warnings
 
@@ -68,6 +69,14 @@ def lag(runs):
     )  # fmt: skip
 
 
+def doubts(runs):
+    print(f"\n{runs} records each: curve inside its intervals of 95 %, rms left on the next cycle, verdicts, findings\n")
+    for case in ("none", "coarse thermometer", "two lags", "ageing"):
+        inside, left, verdicts, codes = zip(*(_thermal.doubtful(case, run) for run in range(runs)), strict=True)
+        said = dict(collections.Counter(code for one in codes for code in one)), dict(collections.Counter(verdicts))
+        print(f"{case}: {100 * np.mean(inside):.1f} %, {np.sqrt(np.mean(np.square(left))):.3f}, {said}", flush=True)
+
+
 def curves(runs):
     runs = min(runs, 12)
     for thermometer in (0.02, 0.0):
@@ -119,7 +128,16 @@ def speed(_):
     print(f"polynomial 5 at 10^6 temperatures: {1e3 * (time.perf_counter() - start):.0f} ms")
 
 
-PARTS = {"phantoms": phantoms, "noise": noise, "rate": rate, "lag": lag, "curves": curves, "hysteresis": hysteresis, "speed": speed}
+PARTS = {
+    "phantoms": phantoms,
+    "noise": noise,
+    "rate": rate,
+    "lag": lag,
+    "doubts": doubts,
+    "curves": curves,
+    "hysteresis": hysteresis,
+    "speed": speed,
+}
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)

@@ -38,7 +38,7 @@ def test_a_linear_sensor_is_good_and_in_its_intervals(base):
         ("quadratic", "lack_accel", "a quadratic term"), ("asymmetry", "lack_accel", "an asymmetry of sign"),
         ("gyro cubic", "lack_gyro", "a cubic term"), ("warm-up", "lack_drift", "drift"), ("9 poses", "few_poses", ""),
         ("quadratic, 12", "lack_accel", "a quadratic term"), ("creep 0.1 %", "lack_accel", "a creep"),
-        ("hysteresis", "lack_memory", "a hysteresis"), ("jump", "lack_step", ""),
+        ("hysteresis", "lack_memory", "a hysteresis"), ("jump", "lack_step", ""), ("creep 0.05 %, 12", "memory_possible", "a creep"),
     ],
 )  # fmt: skip
 def test_what_the_model_lacks_is_named(case, code, words):
