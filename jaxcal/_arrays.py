@@ -102,7 +102,7 @@ def namespace(*trees: Any, concrete: bool = False) -> ModuleType:
 
 
 def summed_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Sum of a_k' b_k over k, of (k, r, p) and (k, r, q): one small product for each k. A large one wakes the threads of BLAS, which spin."""
+    """Sum of a_k' b_k over k, of (k, r, p) and (k, r, q): a small product for each k. A large one wakes the threads of BLAS, which spin."""
     return (np.swapaxes(a, 1, 2) @ b).sum(axis=0)
 
 
