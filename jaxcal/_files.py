@@ -197,5 +197,5 @@ def _layout(value: Any, indent: str) -> str:
     return _plain(value)
 
 
-def _plain(value: Any) -> str:
-    return json.dumps(value, ensure_ascii=False, allow_nan=False)
+#: text of a value in one line; `json.dumps` would make an encoder for each
+_plain = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode

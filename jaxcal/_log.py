@@ -129,12 +129,15 @@ class Log(eqx.Module):
 
         undone: list[Stretch] = []
         stopped: list[Stretch] = []
+        known: dict[str, list[Stretch]] = {}
         for name, values in sensors.items():
             unit = shown_unit(name, values)
             values, wrapped = unwrapped(name, values, rate, unit)
             undone += wrapped
-            seen = wrapped + of_values(name, values, rate, unit)
+            seen = wrapped + (own := of_values(name, values, rate, unit))
             found += seen_in(name, _channel_names(name, values), values, rate, unit, seen)
+            if unit == si_unit(name) and not any(one.kind == "stuck" for one in seen):  # the readings stay, and what is said of them
+                known[name] = own
             for stuck in (one for one in seen if one.kind == "stuck" and len(one.axes) == values.shape[1]):
                 values = np.where(masked(stuck, values, rate), np.nan, values)
             stopped += [one for one in seen if one.kind == "stuck" and len(one.axes) < values.shape[1]]
@@ -148,7 +151,7 @@ class Log(eqx.Module):
         self.offset = offset
         self.findings = tuple(found)
         self.provenance = provenance | {"epoch_ns": int(provenance.get("epoch_ns", 0)) + epoch}
-        object.__setattr__(self, "_undone", (*undone, *stopped))  # can no longer be seen in the readings
+        vars(self).update(_undone=(*undone, *stopped), _seen=known)  # what can no longer be seen in the readings, and what is seen
 
     @property
     def duration(self) -> float:
@@ -240,7 +243,8 @@ class Log(eqx.Module):
         """
         if (known := vars(self).get("_evidence")) is None:
             raw, keep = vars(self).get("_raw", (None, ()))
-            known = (*vars(self).get("_undone", ()), *find(self._sensors(), self.rate, self.gaps)) if raw is None else raw.evidence
+            seen = vars(self).get("_seen")
+            known = (*vars(self).get("_undone", ()), *find(self._sensors(), self.rate, self.gaps, seen)) if raw is None else raw.evidence
             known = tuple(one for one in known if one.kind not in keep)
             object.__setattr__(self, "_evidence", known)
         return known
@@ -348,7 +352,7 @@ class Log(eqx.Module):
     def _replaced(self, **changes: Any) -> "Log":
         """A copy with other fields, without any check."""
         log = copy.copy(self)
-        for found in ("_evidence", "_raw", "_undone") if changes.keys() & _AXES.keys() else ():
+        for found in ("_evidence", "_raw", "_undone", "_seen") if changes.keys() & _AXES.keys() else ():
             vars(log).pop(found, None)
         for name, value in changes.items():
             object.__setattr__(log, name, value)

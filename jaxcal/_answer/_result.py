@@ -128,10 +128,13 @@ class _Said:
         >>> found["schema"], found["m"]
         ('jaxcal.Deviation/1', [1, 2])
         """
+        return self._document(log, self.sections())
+
+    def _document(self, log: Any, sections: list[Section]) -> dict[str, Any]:
         head = {
             "schema": f"jaxcal.{type(self).__name__}/1", "version": version_of("jaxcal"), "verdict": self.verdict,
             "headline": self.headline, "findings": [one.to_dict() for one in merged(self.findings)],
-            "numbers": {name: one.to_dict() for name, one in self.numbers.items()},
+            "numbers": {name: one.to_dict() for name, one in numbers_of(sections).items()},
         }  # fmt: skip
         about = None if log is None else {"findings": [one.to_dict() for one in log.findings], "provenance": log.provenance}
         return plain(head) | self._fields() | {"log": plain(about)}

@@ -177,7 +177,7 @@ def lengthened(
         number = np.clip(held + len(at) - reach, 0, len(at))
         if level.stride == 1:
             back[:, width : width + held] = net[:, None] - tail.phase[:, ::-1]
-            each = 1 if channels > 1 else workers
+            each = 1 if channels > 1 else 2 * workers
             lacking = functools.partial(_by_kernel, kind, level.steps, number, back, tail.lost, lost, over, within, each)
         else:
             squares, count = _by_slices(kind, level.steps, tail.followed(points(at)), held + len(at) - number - reach, number)

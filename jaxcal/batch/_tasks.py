@@ -98,7 +98,7 @@ def answer_of(result: Any, log: Log) -> tuple[Any, dict[str, Number], list[Any]]
     }  # fmt: skip
     # a limit has no value of its own
     found = {name: one._replace(value=math.nan) if one.state == "limit" else one for name, one in numbers.items()}
-    return result.to_dict(log), found, list(result.findings)
+    return result._document(log, sections), found, list(result.findings)
 
 
 def perform(task: Any, log: Log, options: dict[str, Any], page: str | None = None) -> dict[str, Any]:

@@ -12,7 +12,9 @@ from ._stretch import NO_READING, NOT_STILL, Stretch
 from ._values import columns_of, masked, of_values, unwrapped
 
 
-def find(sensors: Mapping[str, Any], rate: float | int, gaps: Iterable[Gap] = ()) -> tuple[Stretch, ...]:
+def find(
+    sensors: Mapping[str, Any], rate: float | int, gaps: Iterable[Gap] = (), known: Mapping[str, Any] | None = None
+) -> tuple[Stretch, ...]:
     """Everything in a recording that is not the sensor under test, in the order of time.
 
     Parameters
@@ -20,6 +22,7 @@ def find(sensors: Mapping[str, Any], rate: float | int, gaps: Iterable[Gap] = ()
     sensors : "gyro", "accel", "mag" or "temperature" -> readings (n, axes) or (n,), in SI; NaN where missing.
     rate : Hz.
     gaps : `Log.gaps`.
+    known : what is seen in the readings of a sensor themselves, where that was looked for already.
 
     Examples
     --------
@@ -35,8 +38,9 @@ def find(sensors: Mapping[str, Any], rate: float | int, gaps: Iterable[Gap] = ()
         values = columns_of(given)
         if len(values) < 2:
             continue
-        values, joined = unwrapped(sensor, values, rate, si_unit(sensor))
-        seen = joined + of_values(sensor, values, rate, si_unit(sensor))
+        if (seen := (known or {}).get(sensor)) is None:
+            values, joined = unwrapped(sensor, values, rate, si_unit(sensor))
+            seen = joined + of_values(sensor, values, rate, si_unit(sensor))
         found += [*seen, *events(sensor, set_aside(sensor, values, rate, seen), rate)]
     return tuple(sorted(found, key=lambda one: one.start))
 

@@ -277,20 +277,22 @@ def _resampled(sensor: str, values: np.ndarray, rate: float, found: list[Stretch
             return []
         if one.kind == "held":
             out |= masked(one, values, rate)[:, 0]
-    bent = np.diff(values[: 2 * SAMPLE][~out[: 2 * SAMPLE]][:SAMPLE], 2, axis=0)
-    usual = np.quantile(np.abs(bent), 0.9, axis=0) if len(bent) > STUCK**2 else np.zeros(1)
+    bent = np.diff(np.ascontiguousarray(values[: 2 * SAMPLE][~out[: 2 * SAMPLE]][:SAMPLE].T), 2)
+    bent = bent[:, : scipy.fft.prev_fast_len(max(bent.shape[1], 1))]  # a transform of some lengths takes several times as long
+    usual = np.quantile(np.abs(bent), 0.9, axis=1, keepdims=True) if bent.shape[1] > STUCK**2 else np.zeros(1)
     if not usual.all():
         return []
-    spectrum = np.fft.rfft(bent, axis=0)  # without a hum, which beats with the rate, too
-    spectrum /= np.maximum(np.abs(spectrum) / (_LINE * np.median(np.abs(spectrum), axis=0)), 1.0)
-    second = np.abs(np.fft.irfft(spectrum, len(bent), axis=0))
-    size = np.minimum(second / usual, 1.0).sum(axis=1)
+    spectrum = np.fft.rfft(bent)  # without a hum, which beats with the rate, too
+    height = np.abs(spectrum)
+    spectrum /= np.maximum(height / (_LINE * np.median(height, axis=1, keepdims=True)), 1.0)
+    second = np.abs(np.fft.irfft(spectrum, bent.shape[1])) / usual
+    size = np.minimum(second, 1.0).sum(axis=0)
     power = np.abs(np.fft.rfft(size - size.mean())) ** 2
     first = len(size) // STUCK  # slow changes of the size are none
     line = first + int(np.argmax(power[first:]))
     if not power[line] > LOG["resampled"].limits[0] * np.median(power):
         return []
-    if np.mean(second < usual / _DIGITS) > 0.2:  # three points between two readings lie on a line, and the beat has harmonics
+    if np.mean(second < 1.0 / _DIGITS) > 0.2:  # three points between two readings lie on a line, and the beat has harmonics
         line = first + int(np.argmax(power[first:] > 0.1 * power[line]))
     else:
         line = len(size) - line

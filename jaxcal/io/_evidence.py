@@ -10,8 +10,9 @@ import itertools
 
 import numpy as np
 
+from .._quality import all_finite
 from .._units import STANDARD_GRAVITY
-from ..evidence._values import SAMPLE
+from ..evidence._values import FEW, SAMPLE
 from ._readers._bounds import PIECE
 
 #: size of one count of common gyroscopes (deg/s) and accelerometers (g). Powers of two are evidence only together with a magnitude
@@ -44,12 +45,13 @@ class Turning:
 def thinned(values: np.ndarray) -> np.ndarray:
     """A subset of the rows from which a spread is found to 1 %, without rows with missing values."""
     values = values[:: max(1, len(values) // SAMPLE)]
-    return values[np.isfinite(values).all(axis=1)]
+    return values if all_finite(values) else values[np.isfinite(values).all(axis=1)]
 
 
 def norms(values: np.ndarray) -> np.ndarray:
     """Magnitudes of a subset of the vectors."""
-    return np.linalg.norm(thinned(values), axis=1)
+    seen = thinned(values)
+    return np.sqrt(np.einsum("ij,ij->i", seen, seen))
 
 
 def median_norm(values: np.ndarray) -> float:
@@ -67,7 +69,8 @@ def spread(values: np.ndarray) -> float:
 def all_integer(values: np.ndarray) -> bool:
     """Whether all values are whole numbers with a range of 5 or more."""
     seen = thinned(values)
-    return bool(len(seen) and np.all(seen == np.round(seen)) and np.ptp(seen) >= 5)
+    first = seen[:FEW]  # settles it for most
+    return bool(len(seen) and np.all(first == np.round(first)) and np.all(seen == np.round(seen)) and np.ptp(seen) >= 5)
 
 
 def noise_floor(values: np.ndarray) -> float:
@@ -108,7 +111,11 @@ def steps_fit(differences: np.ndarray, size: float) -> bool:
     least, half, few, most = np.searchsorted(differences, size * np.array([0.02, 0.5, 4.5, 300.0]))
     if most - least < 30 or half - least > 0.02 * (most - least) or few - least < 3:
         return False
-    near = differences[least:most] / size
+    near = differences[least:most]
+    some = near[:: len(near) // 1000 + 1] / size
+    if np.mean(np.abs(some - np.round(some))) > 0.225:  # 0.25 of any values, and 0.21 at most of such steps: 300 times 1/2500 and 0.09
+        return False
+    near = near / size
     # the size may be wrong by one part in 2500 at most, so that up to 300 steps are counted correctly
     whole = np.round(near)
     refined = float(near @ whole / (whole @ whole))

@@ -20,6 +20,7 @@ from ._model import Noise
 #: information, in ordinates of pure white noise, below which no correlation is computed; ratio of an ordinate to its expectation that only
 #: a line or a step exceeds: one in 2e7 ordinates of noise does
 _FEWEST, _LARGEST = 100.0, 30.0
+_DENSITIES = 2000  # frequencies, evenly spaced in their logarithm, at which the density of a model is computed
 
 
 class Correlation(Result):
@@ -121,18 +122,24 @@ def correlation(y: Samples, rate: Numbers, fits: Sequence[Any], *, confidence: f
     n, axes = part.shape[1], len(models)
     if n < _FEWEST:
         raise DataError(f"the longest stretch without gaps has {n} samples; a correlation needs {_FEWEST:.0f} at least")
-    frequency = np.arange(1, n) * (rate / (2.0 * n))
-    ordinates = np.asarray(scipy.fft.dct(part - part.mean(axis=1, keepdims=True), norm="ortho"))[:, 1:]
+    white = np.asarray(scipy.fft.dct(part - part.mean(axis=1, keepdims=True), norm="ortho"))[:, 1:]
+    edges = np.unique(np.geomspace(1.0, n, _DENSITIES).astype(int))  # between two of them the densities hardly change
+    frequency = (edges[:-1] + edges[1:] - 1) / 2.0 * (rate / (2.0 * n))
     root = np.sqrt([np.asarray(model.psd(frequency, dt=1.0 / rate)) for model in models])
-    white, share = ordinates / root / np.sqrt(rate), strength[:, None] / root
-    share = np.where(np.all(white**2 < _LARGEST, axis=0), share, 0.0)
+    share, width = strength[:, None] / root, np.diff(edges)
+    white *= np.repeat(1.0 / (root * np.sqrt(rate)), width, axis=1)
+    square = white * white
+    lines = np.any(square >= _LARGEST, axis=0)
+    white[:, lines] = square[:, lines] = 0.0
+    width = np.add.reduceat(~lines, edges[:-1] - 1, dtype=float)
     # sum for each axis alone, minus its other noise: scatter common to both sums cancels, and so does a small error of the fitted level
-    own = np.sum(share**2 * (white**2 - 1.0 + share**2), axis=1)
+    own = np.sum(share**2 * (np.add.reduceat(square, edges[:-1] - 1, axis=1) + width * (share**2 - 1.0)), axis=1)
     if not np.all(own > 0.0):
         raise DataError("white noise does not stand out in all axes; there is no correlation to find", code="no_white")
-    rho = (share * white) @ (share * white).T / np.sqrt(np.outer(own, own))
+    white *= np.repeat(share, np.diff(edges), axis=1)
+    rho = white @ white.T / np.sqrt(np.outer(own, own))
     np.fill_diagonal(rho, 1.0)
-    information = share**2 @ (share**2).T
+    information = (width * share**2) @ (share**2).T
     if np.min(information) < _FEWEST:
         raise DataError(f"white noise is worth {np.min(information):.0f} ordinates only; a correlation needs {_FEWEST:.0f}: N is too small")
     reach = float(scipy.special.ndtri(0.5 + confidence / 2.0)) / np.sqrt(information)

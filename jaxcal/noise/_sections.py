@@ -8,6 +8,7 @@ import numpy as np
 
 from .._answer import Curve, Grid, Number, Section, joined_names
 from .._units import si_unit_of
+from ._terms import BUILT_IN
 
 SENSORS = {"gyro": "gyroscope", "accel": "accelerometer", "mag": "magnetometer"}
 QUOTED = (1.0, 10.0, 100.0, 1000.0)  # cluster times in s at which the deviation is part of every answer
@@ -61,7 +62,7 @@ def floor_of(fit: Any, prefix: str = "") -> tuple[Number, Number]:
     curve, quantity = fit.deviation, quantity_of("B", fit.sensor)
     i = int(np.nanargmin(np.where(np.isfinite(curve.upper), curve.upper, np.inf)))
     tau, low, high = (float(values[i]) for values in (curve.tau, curve.lower, curve.upper))
-    fast = sum(float(fit.noise.only(term).avar(tau, dt=1.0 / curve.rate)) for term in ("Q", "N"))
+    fast = sum(float(getattr(fit.noise, term)) ** 2 * BUILT_IN[term].avar(tau) for term in ("Q", "N"))
     seen = low > math.sqrt(fast)
     value, low = (float(curve.deviation[i]), min(low, float(np.nanmin(curve.deviation)))) if seen else (math.nan, math.nan)
     found = Number(f"{prefix}floor", value, low, high, quantity, "estimated" if seen else "limit")
