@@ -14,7 +14,7 @@ from ._columns import AXES, SENSORS, Columns, listing, resolve
 from ._evidence import all_integer
 from ._findings import READ
 from ._mixed import refuse_mixed
-from ._names import OTHERS, Name, bracketed, foreign, is_counter, is_other, parse, quantity_of, unit_of
+from ._names import OTHERS, Name, bracketed, foreign, is_counter, is_other, parse, quantity_of, unit_in, unit_of
 from ._profiles import ROS2_IMU, matching
 from ._triples import ODDS, Triple, file_kind, triples_of, weigh_values
 
@@ -26,6 +26,8 @@ _FILTERED = re.compile(
     r"filt(?!er.?off)|lpf|corrected|compensated|smooth|(?<![a-z])(?:avg|mean|true|ref|est|ekf|kalman|fused)(?![a-z])", re.IGNORECASE
 )
 _CLOCKS = re.compile(r"time|stamp", re.IGNORECASE)
+#: names that programs give to columns without names
+_SILENT = re.compile(r"(?:var|column|col|untitled|unnamed:?)[ _]?\d*(?:_\d+)?", re.IGNORECASE)
 _NOT_LIKE = re.compile(r"covar|bias|std|status|accura|calib|norm|total|abs|count|clip|temp|image|max|min|magnitude", re.IGNORECASE)
 
 
@@ -46,6 +48,7 @@ class Selection:
     why: dict[str, str] = dataclasses.field(default_factory=dict)
     counters: list[str] = dataclasses.field(default_factory=list)
     increments: list[str] = dataclasses.field(default_factory=list)
+    unsure: list[str] = dataclasses.field(default_factory=list)  # sensors that nothing but the size of their values tells
     findings: list[Finding] = dataclasses.field(default_factory=list)
 
 
@@ -65,6 +68,7 @@ def select(table: Any, columns: Columns, wanted: str | None = None) -> Selection
     # columns called x, y, z twice say no more than columns without names
     said = [name for name, one in zip(names, read, strict=True) if name and not name.isdecimal() and (one is None or one.kind != "time")]
     named = any(name.lower() not in AXES for name in said) or 0 < len(said) < 6
+    named = named and not all(map(_SILENT.fullmatch, said))
     triples = triples_of(table, full, known, wanted) if named else []
     _by_odds(table, columns, found, triples)
     if set(explicit) - {"time"}:
@@ -104,19 +108,30 @@ def _word(table: Any) -> str | None:
 def _grouped(table: Any, names: list[str]) -> list[str]:
     """Complete repeated names x, y, z with the name of their group, which is that of an empty column before them."""
     low = [name.strip().lower() for name in names]
+    low = [re.sub(r"^([xyzw])\.\d$", r"\1", name) for name in low]  # as pandas names those that come again
     if low.count("x") < 2:
         return names
     group, out = "", []
-    for name, column in zip(names, table.columns, strict=True):
+    for name, axis, column in zip(names, low, table.columns, strict=True):
         if column.dtype.kind == "f" and not np.isfinite(column[:1000]).any():
             group = name
-        out.append(f"{group}.{name}" if group and name.strip().lower() in ("x", "y", "z", "w") else name)
+        out.append(f"{group}.{axis}" if group and axis in ("x", "y", "z", "w") else name)
     return out
 
 
 def is_number(table: Any, index: int) -> bool:
     """Whether a column holds numbers."""
     return table.columns[index].dtype.kind in "iufb" and index not in table.clocks
+
+
+def numbers_of(table: Any, index: int, *, dates: bool = False) -> np.ndarray:
+    """The numbers of a column, or also its dates or times of day; an error if it holds text."""
+    column = table.columns[index]
+    if is_number(table, index) or (dates and column.dtype.kind != "O"):
+        return column
+    held = "dates" if column.dtype.kind != "O" else f"text, such as {next((str(v) for v in column if v is not None), '')!r}"
+    said = "column {index} ({name}) holds {held}, where numbers are expected; name others with {option.columns}"
+    raise DataError(Message(said, index=index, name=table.names[index] or "no name", held=held), code="text")
 
 
 def _present(table: Any, index: int) -> bool:
@@ -133,7 +148,7 @@ def _by_odds(table: Any, columns: Columns, found: Selection, triples: list[Tripl
         ranked = [k for k, one in enumerate(whole) if one.kind == sensor]
         ranked.sort(key=lambda k: (filtered[k], -round(whole[k].odds[sensor])))
         if not ranked:
-            _by_axis(table, found, sensor, {i for one in triples if one.kind for i in one.columns})
+            _by_axis(table, found, sensor, {i for one in triples if one.kind for i in one.columns}, {one.kind for one in whole})
             continue
         first, *others = (whole[k] for k in ranked)
         found.increments += [sensor] * first.increments
@@ -142,9 +157,7 @@ def _by_odds(table: Any, columns: Columns, found: Selection, triples: list[Tripl
             found.units[sensor] = unit
         if first.name is None and sensor not in first.units:
             found.why[sensor] = first.why.get(sensor, "")
-            if not found.why[sensor]:
-                which = f"{sensor} is {', '.join(table.names[i] for i in first.columns)}"
-                found.findings.append(READ("roles", (sensor,), which=which, given=_option({sensor: first.columns})))
+            found.unsure += [sensor] * (not found.why[sensor])
         for i, axis in zip(first.columns, AXES, strict=True):
             found.names[i] = found.names[i] or Name(sensor, axis, first.units.get(sensor))
         others = [one for one in others if one.odds[sensor] > first.odds[sensor] - ODDS["several"] and not one.increments]
@@ -153,6 +166,9 @@ def _by_odds(table: Any, columns: Columns, found: Selection, triples: list[Tripl
             names = ",".join(table.names[i] for i in first.columns)
             facts: dict[str, Any] = {"names": names, "others": "; ".join(shown), "quantity": sensor, "first": shown[0]}
             found.findings.append(READ("several_columns", (sensor,), 0.0, None, **facts))
+    for sensor in found.unsure:
+        which = f"{sensor} is {', '.join(table.names[i] for i in found.columns[sensor])}"
+        found.findings.append(READ("roles", (sensor,), which=which, given=_option(found.columns)))
     found.gravity_free = [i for one in triples if one.kind == "linear" for i in one.columns if _present(table, i)]
     temperatures = [i for i, one in enumerate(found.names) if one is not None and one.kind == "temperature" and _present(table, i)]
     if temperatures and "temperature" not in columns:
@@ -161,8 +177,8 @@ def _by_odds(table: Any, columns: Columns, found: Selection, triples: list[Tripl
             found.units["temperature"] = one.unit
 
 
-def _by_axis(table: Any, found: Selection, sensor: str, taken: set[int]) -> None:
-    """Assign one or two axes, or three that are spelled differently."""
+def _by_axis(table: Any, found: Selection, sensor: str, taken: set[int], whole: set[str]) -> None:
+    """Assign one or two axes, or three of different spelling; beside a `whole` sensor, axes that lack one before them are left out."""
     axes: dict[str, int] = {}
     for i, one in enumerate(found.names):
         if (
@@ -177,8 +193,11 @@ def _by_axis(table: Any, found: Selection, sensor: str, taken: set[int]) -> None
     if present != list(AXES[: len(present)]):
         said = "only the axes {axes} of {sensor} are recognised in the columns {listed}; name them with {option.columns:{sensor}=...}"
         listed = listing(table.names, len(table.names))
-        raise DataError(Message(said, axes=", ".join(present), sensor=sensor, listed=listed), code="axes")
-    if present:
+        error = DataError(Message(said, axes=", ".join(present), sensor=sensor, listed=listed), code="axes")
+        if not whole & set(SENSORS):
+            raise error
+        found.findings.append(READ("mixed", (sensor,), why=error))
+    elif present:
         found.columns[sensor] = [axes[axis] for axis in present]
         if unit := next((one.unit for i in found.columns[sensor] if (one := found.names[i]) and one.unit), None):
             found.units[sensor] = unit
@@ -287,7 +306,8 @@ def _tell_unused(table: Any, found: Selection, triples: list[Triple]) -> None:
     doubtful = [one for one in triples if not used & set(one.columns) and not one.kind and one.likely in missing]
     strange = [
         i for i, name in enumerate(table.names)
-        if i not in used and found.names[i] is None and _LIKE.search(name) and not (_NOT_LIKE.search(name) or is_counter(name))
+        if i not in used and found.names[i] is None and not (_NOT_LIKE.search(name) or is_counter(name))
+        and (_LIKE.search(name) or any(unit_in(bracketed(name), sensor) for sensor in missing))
         and _present(table, i) and not _CLOCKS.search(name) and not any(i in one.columns for one in triples if one.kind)
     ]  # fmt: skip
     strange = sorted({*strange, *(i for one in doubtful for i in one.columns)})

@@ -13,7 +13,7 @@ import numpy as np
 from .._answer import Finding
 from .._errors import DataError
 from .._message import Message
-from ._choose import Selection, increasing
+from ._choose import Selection, increasing, numbers_of
 from ._columns import listing, scale
 from ._findings import READ
 from ._names import is_counter, is_other, parse, plain
@@ -81,7 +81,11 @@ def clock_of(table, found: Selection, units: dict[str, str], rate: float | int |
     if wanted is not None and "time" not in found.guessed:
         return reading_of(table, wanted, units.get("time") or _named_unit(table, found, wanted), rate, found, explicit="time" in units)
     clocks, counters, faults = [], [], []
-    for indices in _candidates(table, found, wanted):
+    sets = _candidates(table, found, wanted)
+    more = [] if any(i in table.clocks for one in sets for i in one) else _rising(table, found)
+    for indices in [*sets, *(one for one in more if one not in sets)]:
+        if (clocks or faults) and indices not in sets:
+            break  # what only rises is a clock where no name speaks of one
         stated = units.get("time") or _named_unit(table, found, indices)
         if _counts_rows(table, indices, stated):
             counters += indices
@@ -130,8 +134,11 @@ def _candidates(table, found: Selection, wanted: list[int] | None) -> list[list[
         sets = [joined, *(one for one in sets if not set(one) & set(joined))]
     if wanted is not None and wanted not in sets:
         sets.insert(0, wanted)
-    if sets:
-        return sets
+    return sets
+
+
+def _rising(table, found: Selection) -> list[list[int]]:
+    """The column that rises as time does, if there is one."""
     used = {i for indices in found.columns.values() for i in indices}
     free = [i for i, one in enumerate(table.columns) if i not in used and found.names[i] is None and increasing(one)]
     free = [i for i in free if not (any(table.names) and is_counter(table.names[i]))]
@@ -185,12 +192,7 @@ def reading_of(
     table, indices: list[int], stated: str | None, rate: float | int | None, found: Selection, what: str = "sensor", explicit: bool = False
 ) -> Clock:
     """Time stamps of columns. Whole numbers become relative to the first, so that no digit is lost; dates and decimals stay as they are."""
-    columns = [table.columns[i] for i in indices]
-    for i, column in zip(indices, columns, strict=True):
-        if column.dtype.kind not in "iufbM":
-            shown = next((str(value) for value in column if value is not None), "")
-            said = "column {i} ({name}) holds text, such as {shown!r}, where numbers are expected; name others with {option.columns}"
-            raise DataError(Message(said, i=i, name=table.names[i] or "no name", shown=shown), code="text")
+    columns = [numbers_of(table, i, dates=True) for i in indices]
     if len(indices) > 2:
         return together(table, indices, [3600.0, 60.0, 1.0, fraction_size(table.names[indices[-1]])][: len(indices)])
     if len(indices) == 2:
@@ -255,7 +257,7 @@ def refuse_restarts(clock: Clock) -> None:
         return
     drops = seconds[back] - seconds[back + 1]
     unit = SECONDS.get(clock.unit, 1e-4 if clock.unit == "1e-4 s" else 1.0)
-    span = float(np.nanmax(seconds) - np.nanmin(seconds))
+    span = float(np.ptp(seconds[np.isfinite(seconds)]))
     wraps = np.array([wrap for wrap in (*(size * tick for size in _WRAPS for tick in (unit, 1e-9, 1e-6, 1e-3)), DAY) if wrap > 20 * period])
     long = drops > max(0.2 * span, 50 * period)
     restarts = []

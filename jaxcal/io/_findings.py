@@ -5,9 +5,10 @@ A finding that is certain is a note. One that was inferred, and changes the numb
 
 from .._answer import CAUTION, NOTE, Kind, table
 
-_OVERRIDE = "If that is wrong: {option.columns:{quantity}={columns}} {option.units:{quantity}={other}}."
+_OVERRIDE = "If the unit is wrong: {option.units:{quantity}={other}}."
 READ = table(
     # which column is what, and in which unit
+    stated=Kind(NOTE, "{where}, {unit}{why}."),
     read_as=Kind(NOTE, "{where}, {unit}{why}.", _OVERRIDE),
     assumed=Kind(CAUTION, "A guess: {where}, {unit}{why}.", _OVERRIDE, guess=True),
     roles=Kind(CAUTION, "A guess from the size of the values, since no name says so: {which}.",

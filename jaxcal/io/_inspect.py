@@ -108,7 +108,7 @@ class Inspection:
             (str(one.number), one.name, one.holds, *("" if x is None else f"{x:.6g}" for x in (one.low, one.high))) for one in self.columns
         ]
         # how each quantity is read stands above
-        said = sorted((one for one in self.findings if one.code not in ("read_as", "assumed")), key=lambda one: -one.severity)
+        said = sorted((one for one in self.findings if one.code not in ("stated", "read_as", "assumed")), key=lambda one: -one.severity)
         refused = [self.refusal] if self.refusal and reader == "python" else []  # a command ends with the error
         others = (f"{one.command}: {one.reason}" for one in self.commands if not one.suits)
         for title, rows in (

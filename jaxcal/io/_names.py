@@ -6,6 +6,7 @@ are never mistaken for a sensor.
 """
 
 import dataclasses
+import difflib
 import functools
 import re
 import unicodedata
@@ -51,7 +52,7 @@ _WORDS = {
     ),
     "gravity": "gravity|grav|gravityvector|motiongravity|schwerkraft|gravite|gravedad",
     "mag": (
-        "m|mag|magn|magnet|magneto|magnetometer|magnetometers|magneticfield|magneticfields|magneticfieldstrength|magfield|compass|b|"
+        "m|mag|magn|cmp|magnet|magneto|magnetometer|magnetometers|magneticfield|magneticfields|magneticfieldstrength|magfield|compass|b|"
         "bfield|field|h|hm|mb|magnetfeld|magnetischesfeld|campomagnetico|champmagnetique|magnetometro|motionmagneticfield|motionmagnetic|"
         "geomagneticfield|magneticflux|magnetic"
     ),
@@ -66,6 +67,8 @@ _WORDS = {
         "vg",
 }  # fmt: skip
 _KINDS = {kind: frozenset(words.split("|")) for kind, words in _WORDS.items()}
+#: words of which one with a wrong letter is no other word, and lengths of such
+_LONG, _SPELLED = {word: kind for kind in ("gyro", "accel", "mag") for word in _KINDS[kind] if len(word) > 8}, range(8, 30)
 _MEASURED = ("gyro", "accel", "mag", "temperature")
 _TIME = _words(
     "t time timestamp timestamps stamp ts tstamp clock elapsed elapsedtime timeelapsed datetime utc utctime zeit zeitstempel uhrzeit "
@@ -96,7 +99,7 @@ _COUNTER = re.compile(
 _ORIGINS = _words(
     "imu field header msg data sensor sensors raw cal uncal calib uncalib calibrated uncalibrated value values val axis axe achse "
     "asse adc body attr corrected compensated smooth in of the device phone input reading readings meas measured signal comp "
-    "component channel ch ln wr low noise wide range v mpu icm lsm bmi bno xsens mems filt filtered lpf avg"
+    "component channel ch ahrs ins ln wr low noise wide range v mpu icm lsm bmi bno xsens mems filt filtered lpf avg"
 )
 
 
@@ -107,19 +110,20 @@ _CHANGING = _words(
     "integrated free linear lin user dynamic gravity grav jerk diff pos position vel velocity quat euler angle angles temp temperature "
     "scale factor misalignment drift residual innovation angular b bg ba setpoint sp"
 )
-#: words in other scripts, in the order of the search
+#: stems of words in other scripts, in the order of the search
 OTHER_SCRIPTS = {
-    "\u03c9": "omega ", "\uc9c0\uc790\uae30": "mag", "\uc790\uae30\uc7a5": "mag", "\u78c1\u5834": "mag",
-    "\u03b5\u03c0\u03b9\u03c4\u03ac\u03c7\u03c5\u03bd\u03c3\u03b7": "acc", "\u03c7\u03c1\u03cc\u03bd\u03bf\u03c2": "time",
-    "\u52a0\u901f\u5ea6": "acc", "\u89d2\u901f\u5ea6": "gyro", "\u9640\u87ba\u4eea": "gyro", "\u30b8\u30e3\u30a4\u30ed": "gyro",
-    "\u78c1\u573a": "mag", "\u78c1\u529b": "mag", "\u5730\u78c1\u6c17": "mag", "\u65f6\u95f4": "time", "\u6642\u9593": "time",
-    "\u6642\u523b": "time", "\u6e29\u5ea6": "temperature", "\u89d2\u5ea6": "angle", "\u56db\u5143\u6570": "quat",
-    "\u8f74": "", "\u8ef8": "", "\uac00\uc18d\ub3c4": "acc", "\uac01\uc18d\ub3c4": "gyro", "\uc790\uc774\ub85c": "gyro",
-    "\uc2dc\uac04": "time", "\uc628\ub3c4": "temperature",
-    "\u0443\u0441\u043a\u043e\u0440\u0435\u043d\u0438\u0435": "acc", "\u0432\u0440\u0435\u043c\u044f": "time",
-    "\u0443\u0433\u043b\u043e\u0432\u0430\u044f \u0441\u043a\u043e\u0440\u043e\u0441\u0442\u044c": "gyro",
-    "\u0442\u0435\u043c\u043f\u0435\u0440\u0430\u0442\u0443\u0440\u0430": "temperature",
+    "\u03c9": "omega ", "\u03b5\u03c0\u03b9\u03c4\u03ac\u03c7": "acc", "\u03c7\u03c1\u03cc\u03bd": "time",
+    "\u52a0\u901f": "acc", "\u89d2\u901f": "gyro", "\u9640\u87ba": "gyro", "\u30b8\u30e3\u30a4\u30ed": "gyro", "\u78c1": "mag",
+    "\u65f6\u95f4": "time", "\u6642\u9593": "time", "\u6642\u523b": "time", "\u6e29\u5ea6": "temperature", "\u89d2\u5ea6": "angle",
+    "\u56db\u5143\u6570": "quat", "\u901f\u5ea6": "velocity", "\u4f4d\u7f6e": "position", "\u8f74": "", "\u8ef8": "",
+    "\uac00\uc18d": "acc", "\uac01\uc18d": "gyro", "\uc790\uc774\ub85c": "gyro", "\uc790\uae30": "mag", "\uc2dc\uac04": "time",
+    "\uc628\ub3c4": "temperature", "\u0443\u0441\u043a\u043e\u0440": "acc", "\u043f\u0440\u0438\u0441\u043a": "acc",
+    "\u0432\u0440\u0435\u043c": "time", "\u0443\u0433\u043b": "angular", "\u043a\u0443\u0442\u043e\u0432": "angular",
+    "\u0441\u043a\u043e\u0440": "velocity", "\u0448\u0432\u0438\u0434\u043a": "velocity",
+    "\u0442\u0435\u043c\u043f\u0435\u0440": "temperature",
 }  # fmt: skip
+#: letters of units in Russian
+_RUSSIAN = str.maketrans("\u0433\u0440\u0430\u0434\u043c\u0441\u043a\u0442\u043d\u0422\u043b", "gradmsktnT ")
 #: entries in the place of a unit for values without a unit
 RELATIVE = re.compile(r"a\.?u\.?|arb(?:itrary)?\.?(?: units?)?|normali[sz]ed|local_flux|unitless|-", re.IGNORECASE)
 COUNTS = re.compile(r"lsb|counts?|adc|digits?", re.IGNORECASE)
@@ -158,6 +162,7 @@ def bracketed(name: str) -> str | None:
 @functools.lru_cache(4096)
 def unit_of(text: str, quantity: str) -> str | None:
     """Parse a unit in a header, with exponents such as ``rad s^-1`` and ``m s-2``; None if it is unknown."""
+    text = text.replace("\u043c\u043a", "u").translate(_RUSSIAN)
     text = re.sub(r"\((\w+\^?\d?)\)", r"\1", re.sub("^(?i:in|units?:?) +", "", text.strip())).rstrip("* ")
     if quantity != "time":
         for pattern, plain in _LONG_UNITS.items():
@@ -286,8 +291,8 @@ def placed(words: list[str], axes: Sequence[str] = AXES) -> Iterator[tuple[str, 
     for i, word in enumerate(words if axes == AXES else ()):
         if match := re.fullmatch(r"(.*)([xyz])(\d?)", word):  # accx, accx1, x1
             yield match[2], [*words[:i], *filter(None, (match[1], match[3])), *words[i + 1 :]]
-        if match := re.fullmatch("([xyz])(..+)", word):  # xaccel
-            yield match[1], [*words[:i], match[2], *words[i + 1 :]]
+        if match := re.fullmatch("([xyz])([bsv]|..+)", word):  # xaccel, or xb in the frame of the body, the sensor or the vehicle
+            yield match[1], [*words[:i], *filter(lambda rest: len(rest) > 1, match.groups()[1:]), *words[i + 1 :]]
 
 
 def described(words: list[str]) -> Name | None:
@@ -309,8 +314,9 @@ def described(words: list[str]) -> Name | None:
 
 
 def _known(word: str) -> str | None:
-    """The kind that a word denotes, or None."""
-    return next((kind for kind, known in _KINDS.items() if word in known), None)
+    """The kind that a word denotes, or None; a long word may be misspelled."""
+    near = difflib.get_close_matches(word, _LONG, 1, 0.9) if len(word) in _SPELLED and word not in _LONG else None
+    return _LONG[near[0]] if near else next((kind for kind, known in _KINDS.items() if word in known), None)
 
 
 def _spelled(words: list[str], quantity: str) -> str | None:

@@ -18,7 +18,7 @@ from ._findings import READ
 from ._names import bracketed, parse, plain
 from ._phase import differentiate
 from ._read import asked, faults, named, opened
-from ._table import Signals, Table
+from ._table import Signals, Table, tell
 
 #: what a column holds -> its units with their sizes in s, Hz or parts; "" is a fraction of the frequency
 UNITS = {"phase": units_of("time"), "frequency": units_of("ratio") | units_of("frequency")}
@@ -78,9 +78,8 @@ def _set_time(table: Table, time: int | None, unit: str | None, signals: Signals
         name = parse(table.names[time])
         own = "mjd" if "mjd" in table.names[time].lower() else name.unit if name is not None and name.kind == "time" else None
         clock = reading_of(table, [time], unit or own, signals.rate or (stated and stated[0]), Selection({}, {}, [], set()), "clock")
-        signals.time, signals.epoch_ns, why = clock.time, clock.epoch_ns, f" ({clock.reason})" * bool(clock.reason)
-        facts: dict[str, Any] = {"where": label_of(table, [time]), "unit": clock.unit, "columns": str(time), "other": clock.other}
-        signals.findings.append(READ("read_as" if clock.sure else "assumed", "time", **facts, quantity="time", why=why))
+        signals.time, signals.epoch_ns = clock.time, clock.epoch_ns
+        tell(table, "time", [time], clock.unit, clock.reason, clock.other, clock.sure, True, signals)
     elif signals.rate is None and stated is not None:
         signals.rate = stated[0]
         signals.findings.append(READ("rate_stated", rate=stated[0], source=stated[1]))

@@ -12,7 +12,7 @@ from .._message import Message, joined_messages, printable
 from .._quality import all_finite
 from .._units import si_unit
 from . import _guess
-from ._choose import HOW, select
+from ._choose import HOW, numbers_of, select
 from ._clock import OF_NAME, check_rate, clock_of, label_of, newest_first, no_clock, refuse_restarts, stated_rate
 from ._columns import SENSORS, Columns, listing, scale
 from ._evidence import Turning
@@ -120,7 +120,7 @@ def interpret(
         except DataError as error:
             problems.append(error)
     names = [name for name in (*SENSORS, "temperature") if name in found.columns]
-    raw = {name: [_without(_numbers(table, i), missing) for i in found.columns[name]] for name in names}
+    raw = {name: [_without(numbers_of(table, i), missing) for i in found.columns[name]] for name in names}
     if clock is not None and not (clock.sure or phase):
         clock = _settled(clock, raw)
     _set_time(table, found, columns, clock, stated, signals)
@@ -144,7 +144,7 @@ def interpret(
     for name, guess in guesses.items():
         signals.units[name] = guess.unit
         reason = "; ".join(why for why in (found.why.get(name), guess.reason) if why)
-        _tell(table, name, found.columns[name], guess.unit, reason, guess.other, guess.sure, name in found.guessed, signals)
+        tell(table, name, found.columns[name], guess.unit, reason, guess.other, guess.sure, name in found.guessed, signals)
     taken = [i for indices in signals.columns.values() for i in indices]
     # a table of which most columns are used is converted in place, to save memory
     own = len(set(taken)) == len(taken) > len(table.columns) / 2
@@ -165,7 +165,7 @@ def _all_of(problems: list[Any]) -> DataError:
     return DataError(joined_messages(problems, "; and "), next((code for one in problems if (code := getattr(one, "code", ""))), "unclear"))
 
 
-def _tell(
+def tell(
     table: Table, name: str, indices: list[int], unit: str, reason: str, other: str, sure: bool, guessed: bool, signals: Signals
 ) -> None:  # fmt: skip
     """Record how a quantity is read, and say so unless the user has chosen columns and unit."""
@@ -178,7 +178,8 @@ def _tell(
         where = f"column{'s' * (len(indices) > 1)} {_spelled(indices, '-', ', ')}" + (f" ({', '.join(known)})" if known else "")
         facts: dict[str, Any] = {"where": where, "unit": {"date": "dates"}.get(unit, unit), "quantity": name, "columns": numbers}
         why = f" ({reason})" if reason and reason != "dates" else ""
-        signals.findings.append(READ("read_as" if sure else "assumed", name, **facts, why=why, other=other or unit))
+        code = ("stated" if reason == "from the name" else "read_as") if sure else "assumed"
+        signals.findings.append(READ(code, name, **facts, why=why, other=other or unit))
 
 
 def _set_time(table: Table, found: Any, columns: Columns, clock: Clock | None, stated: tuple[float, str] | None, signals: Signals) -> None:
@@ -202,7 +203,7 @@ def _set_time(table: Table, found: Any, columns: Columns, clock: Clock | None, s
         signals.problems.append(error)
     signals.time, signals.epoch_ns, signals.units["time"] = clock.time, clock.epoch_ns, clock.unit
     signals.nominal = float(table.rate) if table.rate else None
-    _tell(table, "time", clock.columns, clock.unit, clock.reason, clock.other, clock.sure, "time" in found.guessed, signals)
+    tell(table, "time", clock.columns, clock.unit, clock.reason, clock.other, clock.sure, "time" in found.guessed, signals)
 
 
 def _settled(clock: Clock, raw: dict[str, list[np.ndarray]]) -> Clock:
@@ -266,7 +267,11 @@ def _units(
                     raise DataError(Message(said, like=like, at=_spelled(found.columns[name], ":", ",")), code="accel_as_gyro")
             guesses[name] = _unit(name, values[name], stated, where, period, turns, name in units, signals.findings)
         except DataError as error:
-            apart = (stated is None and (name == "mag" or getattr(error, "code", "") == "gravity_free")) or name == "temperature"
+            if found.profile and where == f"from {found.profile}" and getattr(error, "code", "") == "unit_contradicts":
+                found.profile, found.units = "", {}  # the columns are not those of that device
+                return _units(table, found, raw, units, period, clock, signals)
+            unsure = name == "mag" or getattr(error, "code", "") == "gravity_free" or name in found.unsure
+            apart = (stated is None and unsure) or name == "temperature"
             if name in found.guessed and set(raw) - {name, "temperature"} and apart:  # the other sensors can be used without it
                 signals.findings.append(READ("left_out", name, why=getattr(error, "why", error), quantity=name))
             else:
@@ -309,16 +314,6 @@ def _check_turns(guesses: dict[str, _guess.Guess], turns: Turning | None, clock:
             signals.findings.append(found)
     elif slope < 0:
         signals.findings.append(READ("turns_against", "gyro"))
-
-
-def _numbers(table: Table, index: int) -> np.ndarray:
-    column = table.columns[index]
-    if column.dtype.kind in "iufb" and index not in table.clocks:
-        return column
-    dates = column.dtype.kind == "M" or index in table.clocks
-    held = "dates" if dates else f"text, such as {next((str(v) for v in column if v is not None), '')!r}"
-    said = "column {index} ({name}) holds {held}, where numbers are expected; name other columns with {option.columns}"
-    raise DataError(Message(said, index=index, name=table.names[index] or "no name", held=held), code="text")
 
 
 def _without(column: np.ndarray, missing: float | int | None) -> np.ndarray:

@@ -114,6 +114,7 @@ def _weigh(one: Triple, table: Any, names: list[str], meaning: Name | None, key:
         said = described(["rate", *words] if axes == ("p", "q", "r") else words)
         said = said if said and (said.sure or axes != ("p", "q", "r")) else None  # p_value is no rate
         kind, unit = (said.kind, said.unit) if said else ("", None)
+        inside = inside or (joined if not said and len(joined := "".join(words)) > 1 else None)  # x_nT
         says = "name" if said and said.sure else "part of the name"
         one.increments = kind in ("d gyro", "d accel")
         if one.increments:

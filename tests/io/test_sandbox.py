@@ -37,7 +37,7 @@ def program(tmp_path, monkeypatch):
     [
         ("import os; os.abort()", "broke_down"),
         ("import os; input(); os.abort()", "broke_down"),
-        ("import time; time.sleep(60)", "damaged"),
+        ("import time; print('!', end='', flush=True); time.sleep(60)", "damaged"),
         ("import time; x = b'x' * (1 << 28); time.sleep(60)", "too_large"),
     ],
 )

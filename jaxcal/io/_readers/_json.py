@@ -55,19 +55,12 @@ def _column(values: Sequence[Any]) -> np.ndarray:
 def _parsed(text: str) -> Any:
     """The content of a file, which may also hold one record in each line."""
     try:
-        return json.loads(text, object_pairs_hook=_once)
+        return json.loads(text)
     except ValueError as error:
         lines = [line for line in text.split("\n") if line.strip()]
         if len(lines) < 2 or not all(line.lstrip().startswith("{") and line.rstrip().endswith("}") for line in lines):
             raise error
-        return [json.loads(line, object_pairs_hook=_once) for line in lines]
-
-
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        raise DataError("an object has the same key twice; give each value a name of its own", code="json")
-    return found
+        return [json.loads(line) for line in lines]
 
 
 def _number(value: Any) -> bool:
@@ -93,13 +86,31 @@ def _arrays(content: Any) -> list[tuple[str, Sequence[Any]]]:
         return list(zip(_named("", len(content[0])), zip(*content, strict=True), strict=True))
     if not isinstance(content, dict):
         return []
+    content = _nested(content)
     arrays = {name: value for name, value in content.items() if _rows(value) or (_vector(value) and len(value) > 1)}
     most = max((len(value) for value in arrays.values()), default=0)
     found: list[tuple[str, Sequence[Any]]] = []
     for name, value in arrays.items():
         if len(value) == most > 3:
-            found += zip(_named(name, len(value[0])), zip(*value, strict=True), strict=True) if _rows(value) else [(name, value)]
+            heads = [_heads(other) for other in content.values()] if _rows(value) else []
+            names = next((names for names in heads if len(names) == len(value[0])), None)
+            found += zip(names or _named(name, len(value[0])), zip(*value, strict=True), strict=True) if _rows(value) else [(name, value)]
     return found
+
+
+def _nested(node: dict[str, Any], before: str = "") -> dict[str, Any]:
+    """The lists of an object, those of an object in it after its name."""
+    found: dict[str, Any] = {}
+    for name, value in node.items():
+        found |= _nested(value, f"{before}{name}_") if isinstance(value, dict) else {before + name: value}
+    return found
+
+
+def _heads(value: Any) -> list[str]:
+    """Names of columns: words, or objects with a name and perhaps units; none for other values."""
+    if not isinstance(value, list) or not all(isinstance(one, str) or (isinstance(one, dict) and "name" in one) for one in value):
+        return []
+    return [one if isinstance(one, str) else f"{one['name']} [{one.get('units', '')}]" for one in value]
 
 
 def _records(node: Any, around: dict[str, Any]) -> list[dict[str, Any]]:

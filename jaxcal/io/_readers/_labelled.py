@@ -16,13 +16,13 @@ from .._names import AXES, parse_name, unit_of
 LOOK, SHARE = 60, 0.8
 #: a label with its number; a time at the beginning of a line, in brackets or with the arrow of a serial monitor
 _PAIR = re.compile(r"[A-Za-z\]\)][\"']?\s*(?:[:=]\s*[\[(]?|[\[(])\s*[-+]?\.?\d")
-_TIME = re.compile(r"\s*\[?((?:\d{4}-\d\d-\d\d[ T])?\d\d:\d\d:\d\d[.,]\d+)\]?\s*(->)?\s*")
+_TIME = re.compile(r"\s*\[?((?:\d{4}-\d\d-\d\d[ T])?\d\d:\d\d:\d\d[.,]\d+(?:,\d{3}(?=\]))?)\]?\s*(->|<\w+> [\w.-]+:)?\s*")
 #: what follows a time after which blanks or a bracket stand instead of the mark between the numbers
 _BESIDE = re.compile(r"(?:\]\s*|\s+)[^\s,;]+(?:, ?[^\s,;]+)+\s*")
 #: the beginning of a line of the log of ESP-IDF, with the time in ms
 _ESP = re.compile(r"\s*[EWIDV] \((\d+)\) [\w.-]+:\s*")
 #: numbers in brackets, as Python writes a list
-_LIST = re.compile(r"\"?[\[(]\s*([-+]?\.?\d[^\[\]()\"]*?)\s*[\])]\"?")
+_LIST = re.compile(r"\"?[\[(]\s*([-+]?\.?\d[^\[\]()\":]*?)\s*[\])]\"?")
 _LABELLED = re.compile(r"[A-Za-z][^\[(,;|\d]{0,20}[\[(]\s*[-+]?\.?\d")
 #: a field of a message as `rostopic echo` prints it, and fields that tell such messages
 _FIELD = re.compile(r"( *)(\w+): *(\S*)\s*$")
@@ -32,7 +32,7 @@ _PLOT = re.compile(r"^>([\w.]+):(\d+):([-+\d.eE]+)", re.MULTILINE)
 #: the text before the first number of a line
 _WORD = re.compile(r"\s*([^\d\s]\D{0,40}?)[-+]?\.?\d")
 _SENSOR = re.compile(r"imu|gyr|acc|mag", re.IGNORECASE)
-_NUMBER = re.compile(r"(?<![\w.^])[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?(?![\w:]|\.\d)")
+_NUMBER = re.compile(r"(?<![\w.^])[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?(?!(?!(?:m?g|m?s|m?dps|[um]T)\b)[\w:]|\.\d)")
 
 
 def relabelled(text: str) -> Callable[[str], str] | None:
@@ -47,6 +47,9 @@ def relabelled(text: str) -> Callable[[str], str] | None:
         return _echoed
     if (header := _listed(lines)) is not None:
         return lambda text: "\n".join([*header, *(_spread(line) for line in text.split("\n")[bool(header) :])])
+    heads = {match[1].strip() if (match := _WORD.match(line)) and len(_PAIR.findall(line)) == 1 else "" for line in lines}
+    if len(lines) > 4 and len(heads) == 1 and re.fullmatch(r"[A-Za-z]\w*[:=]", head := heads.pop()):  # the same word before every sample
+        return lambda text: re.sub(rf"^\s*{head}\s*", "", text, flags=re.MULTILINE)
     arrows = sum(bool((match := _TIME.match(line)) and (match[2] or _BESIDE.fullmatch(line[match.end(1) :]))) for line in lines)
     pairs = sum(len(_PAIR.findall(_ESP.sub("", _TIME.sub("", line, 1), 1))) > 1 for line in lines)
     if len(lines) < 5 or max(arrows, pairs) < SHARE * len(lines):
@@ -70,7 +73,7 @@ def relabelled(text: str) -> Callable[[str], str] | None:
 
 def _turn(lines: list[str]) -> list[str]:
     """The labels before the first number of lines that hold a sample together, one after the other; none of other lines."""
-    kinds = [match[1] if _PAIR.search(line) and (match := _WORD.match(line)) else "" for line in lines]
+    kinds = [match[1].strip() if _PAIR.search(line) and (match := _WORD.match(line)) else "" for line in lines]
     turn = list(dict.fromkeys(kinds))
     if "" in turn or not 1 < len(turn) < 20 or len(kinds) <= 2 * len(turn):
         return []
@@ -81,7 +84,7 @@ def _joined(text: str, turn: list[str]) -> str:
     """The lines of a sample in one line."""
     rows: list[list[str]] = []
     for line in text.split("\n"):
-        kind = match[1] if (match := _WORD.match(line)) else ""
+        kind = match[1].strip() if (match := _WORD.match(line)) else ""
         if kind == turn[0]:
             rows.append([])
         if rows and kind == turn[min(len(rows[-1]), len(turn) - 1)]:
@@ -174,7 +177,7 @@ def refuse_kinds(lines: list[str]) -> None:
 def _taken_apart(line: str) -> tuple[tuple[str, ...], list[str]]:
     """Split a line into the texts between its numbers, and the numbers; a time at its beginning is the first number."""
     match = _TIME.match(line) or _ESP.match(line)
-    first = [match[1].replace(",", ".")] if match else []
+    first = [re.sub(",(?=.*[.,])|,(?=\\d+$)", lambda mark: "." * ("." not in match[1]), match[1])] if match else []
     rest = line[match.end() :] if match else line
     words, end = [], 0
     numbers = []

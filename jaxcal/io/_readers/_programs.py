@@ -19,6 +19,8 @@ def of_program(text: str) -> Callable[[str], str] | None:
     if text.startswith("LabVIEW Measurement"):
         return _labview
     lines = [line for line in text.split("\n", LOOK)[:LOOK] if line.strip()]
+    if len(lines) > 2 and re.match(r"[\d.]+ sec,", lines[2]):  # durations, as MATLAB writes those of a timetable
+        return lambda text: re.sub(r"^([\d.]+) sec,", r"\1,", text, flags=re.MULTILINE)
     sentence = next((one for one in _SENTENCES if sum(line.startswith(one) for line in lines) > SHARE * len(lines)), "")
     if sentence:
         kept = re.compile(rf"{re.escape(sentence)},(.*)\*[0-9A-Fa-f]+")

@@ -9,6 +9,7 @@ of the requesting side. The answer is a description in JSON and plain bytes, nev
 
 import atexit
 import contextlib
+import importlib
 import json
 import math
 import mmap
@@ -22,10 +23,12 @@ from typing import Any
 
 import numpy as np
 
-#: limits of time (s), of time of the processor (s; a busy machine gives little of it) and of memory in use (bytes, of which the libraries
-#: take a third) for a file of few bytes; one of 12 MiB may use twice as much, and so on. The memory is looked at from outside: threads
-#: reserve many times the addresses that they use, and where addresses were limited, a busy machine refused four of five good Parquet files
-_SECONDS, _BUSY, _MEMORY = 40.0, 5.0, 1 << 29
+#: libraries by format; they are imported before the time of the first file begins, which a busy machine would spend on that
+_LIBRARIES = {"parquet": "polars", "mat": "scipy.io.matlab", "hdf5": "h5py", "xlsx": "python_calamine", "tdms": "nptdms"}
+#: limits of time (s; a good file takes 0.1) and of memory in use (bytes, of which the libraries take a third) for a file of few bytes; one
+#: of 12 MiB may use twice as much, and so on. The memory is looked at from outside: threads reserve many times the addresses that they use,
+#: and where addresses were limited, a busy machine refused four of five good Parquet files
+_SECONDS, _MEMORY = 8.0, 1 << 29
 #: s between two looks at the memory
 _LOOK = 0.02
 _SIZE = 3 << 22
@@ -41,6 +44,10 @@ def _serve() -> None:
     os.dup2(2, 1)  # output printed by a library must not get into the answers
     for line in sys.stdin:
         request = json.loads(line)
+        with contextlib.suppress(ImportError):
+            importlib.import_module(_LIBRARIES[request["kind"]])
+        answers.write(b"!")
+        answers.flush()
         try:
             about, arrays = {"parquet": _parquet, "mat": _mat, "hdf5": _hdf5, "xlsx": _xlsx, "tdms": _tdms}[request["kind"]](request)
             arrays = [np.ascontiguousarray(array) for array in arrays]
@@ -223,24 +230,16 @@ def _hdf5(request: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
 # the side that requests
 
 
-def _watch(process: Any, allowed: float, done: threading.Event, why: list[str]) -> None:
+def _watch(process: Any, allowed: float, done: threading.Event, why: list[str], began: list[float]) -> None:
     """End the reading process if it takes too long or uses too much memory, and say which."""
-    began, busy = time.monotonic(), _busy(process)
     while not why and not done.wait(_LOOK):
-        if time.monotonic() - began > _SECONDS * allowed or _busy(process) - busy > _BUSY * allowed:
+        if time.monotonic() - began[0] > _SECONDS * allowed:
             why.append("time")
         with contextlib.suppress(OSError, ValueError, IndexError), open(f"/proc/{process.pid}/statm") as file:  # of Linux
             if int(file.read().split()[1]) * mmap.PAGESIZE > _MEMORY * allowed:
                 why.append("memory")
     if why and not done.is_set():
         process.kill()
-
-
-def _busy(process: Any) -> float:
-    """Time of the processor, s, that a process has used; 0 where the system does not tell."""
-    with contextlib.suppress(OSError, ValueError, IndexError), open(f"/proc/{process.pid}/stat") as file:
-        return sum(map(int, file.read().rpartition(")")[2].split()[11:13])) / os.sysconf("SC_CLK_TCK")
-    return 0.0
 
 
 class Sandbox:
@@ -258,11 +257,14 @@ class Sandbox:
         with self._lock:
             process = self._running()
             allowed = 1 + os.path.getsize(path) / _SIZE
-            done, why = threading.Event(), []
-            threading.Thread(target=_watch, args=(process, allowed, done, why), daemon=True).start()
+            # the time begins when the libraries are there
+            done, why, began = threading.Event(), [], [time.monotonic() + 4 * _SECONDS]
+            threading.Thread(target=_watch, args=(process, allowed, done, why, began), daemon=True).start()
             try:
                 process.stdin.write(json.dumps({"kind": kind, "path": os.path.abspath(path)} | request).encode() + b"\n")
                 process.stdin.flush()
+                self._take(1)
+                began[0] = time.monotonic()
                 about = json.loads(self._take(int.from_bytes(self._take(8), "little")))
                 arrays = [self._array(*form) for form in about.get("arrays", [])]
             except (EOFError, OSError):
@@ -270,7 +272,7 @@ class Sandbox:
                 if "memory" in why:
                     raise MemoryError(f"more than {_MEMORY * allowed / 1e6:.0f} MB in use") from None
                 if why:
-                    raise DataError(f"it took more than {_BUSY * allowed:.0f} s; it is damaged: copy it again", code="damaged") from None
+                    raise DataError(f"it took more than {_SECONDS * allowed:.0f} s; it is damaged: copy it again", code="damaged") from None
                 said = "the library that reads it broke down: it needs more memory than there is, or is damaged"
                 raise DataError(f"{said}; close other programs, or copy it again", code="broke_down") from None
             except BaseException:
