@@ -67,8 +67,7 @@ def select(table: Any, columns: Columns, wanted: str | None = None) -> Selection
         found.findings.append(READ("device", name=profile.name, sign=profile.sign and f"; {profile.sign}"))
     # columns called x, y, z twice say no more than columns without names
     said = [name for name, one in zip(names, read, strict=True) if name and not name.isdecimal() and (one is None or one.kind != "time")]
-    named = any(name.lower() not in AXES for name in said) or 0 < len(said) < 6
-    named = named and not all(map(_SILENT.fullmatch, said))
+    named = (any(name.lower() not in AXES for name in said) or 0 < len(said) < 6) and not all(map(_SILENT.fullmatch, said))
     triples = triples_of(table, full, known, wanted) if named else []
     _by_odds(table, columns, found, triples)
     if set(explicit) - {"time"}:
@@ -107,8 +106,7 @@ def _word(table: Any) -> str | None:
 
 def _grouped(table: Any, names: list[str]) -> list[str]:
     """Complete repeated names x, y, z with the name of their group, which is that of an empty column before them."""
-    low = [name.strip().lower() for name in names]
-    low = [re.sub(r"^([xyzw])\.\d$", r"\1", name) for name in low]  # as pandas names those that come again
+    low = [re.sub(r"^([xyzw])\.\d$", r"\1", name.strip().lower()) for name in names]  # x.1, as pandas names a second x
     if low.count("x") < 2:
         return names
     group, out = "", []
@@ -135,8 +133,7 @@ def numbers_of(table: Any, index: int, *, dates: bool = False) -> np.ndarray:
 
 
 def _present(table: Any, index: int) -> bool:
-    column = table.columns[index]
-    return is_number(table, index) and (column.dtype.kind != "f" or bool(np.isfinite(column).any()))
+    return is_number(table, index) and (table.columns[index].dtype.kind != "f" or bool(np.isfinite(table.columns[index]).any()))
 
 
 def _by_odds(table: Any, columns: Columns, found: Selection, triples: list[Triple]) -> None:
@@ -167,8 +164,8 @@ def _by_odds(table: Any, columns: Columns, found: Selection, triples: list[Tripl
             facts: dict[str, Any] = {"names": names, "others": "; ".join(shown), "quantity": sensor, "first": shown[0]}
             found.findings.append(READ("several_columns", (sensor,), 0.0, None, **facts))
     for sensor in found.unsure:
-        which = f"{sensor} is {', '.join(table.names[i] for i in found.columns[sensor])}"
-        found.findings.append(READ("roles", (sensor,), which=which, given=_option(found.columns)))
+        names = ", ".join(table.names[i] for i in found.columns[sensor])
+        found.findings.append(READ("roles", (sensor,), which=f"{sensor} is {names}", given=_option(found.columns)))
     found.gravity_free = [i for one in triples if one.kind == "linear" for i in one.columns if _present(table, i)]
     temperatures = [i for i, one in enumerate(found.names) if one is not None and one.kind == "temperature" and _present(table, i)]
     if temperatures and "temperature" not in columns:
@@ -181,19 +178,13 @@ def _by_axis(table: Any, found: Selection, sensor: str, taken: set[int], whole: 
     """Assign one or two axes, or three of different spelling; beside a `whole` sensor, axes that lack one before them are left out."""
     axes: dict[str, int] = {}
     for i, one in enumerate(found.names):
-        if (
-            one is not None
-            and one.axis
-            and i not in taken
-            and sensor in (one.kind, one.kind.removesuffix(" or linear"))
-            and _present(table, i)
-        ):
+        fits = one is not None and bool(one.axis) and sensor in (one.kind, one.kind.removesuffix(" or linear"))
+        if one is not None and fits and i not in taken and _present(table, i):
             axes.setdefault(one.axis, i)
     present = [axis for axis in AXES if axis in axes]
     if present != list(AXES[: len(present)]):
-        said = "only the axes {axes} of {sensor} are recognised in the columns {listed}; name them with {option.columns:{sensor}=...}"
-        listed = listing(table.names, len(table.names))
-        error = DataError(Message(said, axes=", ".join(present), sensor=sensor, listed=listed), code="axes")
+        said = "of {sensor} only the axes {axes} are recognised; name its columns with {option.columns:{sensor}=...}"
+        error = DataError(Message(said, axes=", ".join(present), sensor=sensor), code="axes")
         if not whole & set(SENSORS):
             raise error
         found.findings.append(READ("mixed", (sensor,), why=error))
@@ -208,12 +199,9 @@ def _unclear_names(table: Any, found: Selection, triples: list[Triple]) -> DataE
     names, count = table.names, len(table.columns)
     if found.gravity_free:
         said = "{names} hold acceleration without gravity (linear or free), which is no specific force, and no other sensor is in the table"
-        how = Message(
-            "to read it all the same: {option.columns:{given}} {option.units:accel=m/s^2}", given=_option({"accel": found.gravity_free[:3]})
-        )
-        return DataError(
-            joined_messages([Message(said, names=", ".join(names[i] for i in found.gravity_free[:3])), how]), code="gravity_free"
-        )
+        how = "; to read it all the same: {option.columns:{given}} {option.units:accel=m/s^2}"
+        facts = {"names": ", ".join(names[i] for i in found.gravity_free[:3]), "given": _option({"accel": found.gravity_free[:3]})}
+        return DataError(Message(said + how, **facts), code="gravity_free")
     likely = [one for one in triples if not one.kind and one.odds[one.likely] > 0] or [one for one in triples if one.kind != "other"]
     refuse_mixed(table, {one.likely: one.columns for one in likely})
     apart = {i for one in triples if one.kind == "other" for i in one.columns}
@@ -294,9 +282,7 @@ def _joint(triples: list[Triple], table: Any) -> tuple[str, ...]:
 
 def increasing(values: np.ndarray) -> bool:
     """Whether a column increases like time: nearly all steps are positive."""
-    if values.dtype.kind not in "iufM":
-        return False
-    return bool(len(values) > 1 and np.mean(values[1:] > values[:-1]) >= 0.95)
+    return values.dtype.kind in "iufM" and len(values) > 1 and bool(np.mean(values[1:] > values[:-1]) >= 0.95)
 
 
 def _tell_unused(table: Any, found: Selection, triples: list[Triple]) -> None:
@@ -315,7 +301,8 @@ def _tell_unused(table: Any, found: Selection, triples: list[Triple]) -> None:
     if strange and not set(found.columns) & set(SENSORS):
         raise unclear(f"the columns {shown} look like those of a sensor, but which axis of which is not understood")
     if strange:
-        first = doubtful[0] if doubtful else Triple(strange[:3], odds=dict.fromkeys(missing or SENSORS, 0.0))
-        found.findings.append(READ("strange", columns=shown, first=_option(found.columns | {first.likely: first.columns})))
+        likely = doubtful or [Triple(strange[:3], odds=dict.fromkeys(missing or SENSORS, 0.0))]
+        option = _option(found.columns | {one.likely: one.columns for one in reversed(likely)})
+        found.findings.append(READ("strange", columns=shown, first=option))
     if found.gravity_free and "accel" not in found.columns:
         found.findings.append(READ("gravity_free", "accel", columns=", ".join(table.names[i] for i in found.gravity_free[:3])))

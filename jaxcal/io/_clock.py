@@ -82,8 +82,7 @@ def clock_of(table, found: Selection, units: dict[str, str], rate: float | int |
         return reading_of(table, wanted, units.get("time") or _named_unit(table, found, wanted), rate, found, explicit="time" in units)
     clocks, counters, faults = [], [], []
     sets = _candidates(table, found, wanted)
-    more = [] if any(i in table.clocks for one in sets for i in one) else _rising(table, found)
-    for indices in [*sets, *(one for one in more if one not in sets)]:
+    for indices in [*sets, *_rising(table, found)]:
         if (clocks or faults) and indices not in sets:
             break  # what only rises is a clock where no name speaks of one
         stated = units.get("time") or _named_unit(table, found, indices)
@@ -161,9 +160,7 @@ def _unnamed(table, found: Selection, index: int) -> bool:
 
 def _varies(table, index: int) -> bool:
     column = table.columns[index]
-    if column.dtype.kind == "M":
-        return bool((~np.isnat(column)).any())
-    return column.dtype.kind in "iuf" and bool(np.isfinite(column).any())
+    return column.dtype.kind in "iufM" and not bool((np.isnat(column) if column.dtype.kind == "M" else ~np.isfinite(column)).all())
 
 
 def _named_unit(table, found: Selection, indices: list[int]) -> str | None:

@@ -228,9 +228,12 @@ def is_other(name: str) -> bool:
     """Whether a word of a name denotes an attitude, a motion, a place or so, which may rise for a while as time does."""
     words = {word for words in _cut(name[:LONGEST]) for word in words if len(word) > 1}
     found = parse(name)
-    if (found is not None and found.kind in ("attitude", "motion", "gravity")) or re.match("b_?[wag]_", name.lower()):
-        return True
-    return not words.isdisjoint(_KINDS["attitude"] | _KINDS["motion"] | _RISES | _CHANGING | _QUATERNION)
+    known = found is not None and found.kind in ("attitude", "motion", "gravity")
+    return (
+        known
+        or bool(re.match("b_?[wag]_", name.lower()))
+        or not words.isdisjoint(_KINDS["attitude"] | _KINDS["motion"] | _RISES | _CHANGING | _QUATERNION)
+    )
 
 
 @functools.lru_cache(4096)
@@ -291,7 +294,9 @@ def placed(words: list[str], axes: Sequence[str] = AXES) -> Iterator[tuple[str, 
     for i, word in enumerate(words if axes == AXES else ()):
         if match := re.fullmatch(r"(.*)([xyz])(\d?)", word):  # accx, accx1, x1
             yield match[2], [*words[:i], *filter(None, (match[1], match[3])), *words[i + 1 :]]
-        if match := re.fullmatch("([xyz])([bsv]|..+)", word):  # xaccel, or xb in the frame of the body, the sensor or the vehicle
+        if match := re.fullmatch(
+            "([xyz])(?![agm][xyz]$)([bsv]|..+)", word
+        ):  # xaccel, or xb in the frame of the body, the sensor or the vehicle
             yield match[1], [*words[:i], *filter(lambda rest: len(rest) > 1, match.groups()[1:]), *words[i + 1 :]]
 
 

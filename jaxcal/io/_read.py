@@ -107,7 +107,7 @@ def read(
     >>> log.rate, len(log.time), round(float(log.accel[0, 2]), 4)
     (100.0, 500, 9.7086)
     >>> print(log.findings[0])
-    time: column 0 (time_s), s (from the name). If that is wrong: columns={'time': '0'} units={'time': 'ms'}.
+    time: column 0 (time_s), s (from the name).
     """
     given: dict[str, Any] = {"columns": columns, "units": units, "rate": rate, "data": data, "missing": missing, "axes": axes}
     if not isinstance(path, str | os.PathLike):

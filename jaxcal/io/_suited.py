@@ -127,9 +127,8 @@ def _judged(log: Log) -> Iterator[tuple[str, bool, str, str]]:
     whole = {name: (values := getattr(log, name)) is not None and values.shape[1] == 3 for name in SENSORS}
     three = all(whole.values())
     yield "device", three and turned and not at_rest, reason if three else "it needs accelerometer, gyroscope and magnetometer", ""
-    reason = (
-        f"{poses} attitude{'s' * (poses != 1)} at rest; it needs {_POSES}" if whole["accel"] else "it needs an accelerometer of three axes"
-    )
+    reason = f"{poses} attitude{'s' * (poses != 1)} at rest; it needs {_POSES}"
+    reason = reason if whole["accel"] else "it needs an accelerometer of three axes"
     yield "imu", poses >= _POSES, reason, ""
     yield "mag", turned, "no magnetometer" if log.mag is None else f"the field is seen from {'all' if turned else 'few'} sides", ""
     span = 0.0 if log.temperature is None else float(np.nanmax(log.temperature) - np.nanmin(log.temperature))

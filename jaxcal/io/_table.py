@@ -178,7 +178,7 @@ def tell(
         where = f"column{'s' * (len(indices) > 1)} {_spelled(indices, '-', ', ')}" + (f" ({', '.join(known)})" if known else "")
         facts: dict[str, Any] = {"where": where, "unit": {"date": "dates"}.get(unit, unit), "quantity": name, "columns": numbers}
         why = f" ({reason})" if reason and reason != "dates" else ""
-        code = ("stated" if reason == "from the name" else "read_as") if sure else "assumed"
+        code = ("stated" if reason.startswith("from ") else "read_as") if sure else "assumed"
         signals.findings.append(READ(code, name, **facts, why=why, other=other or unit))
 
 
@@ -318,8 +318,7 @@ def _check_turns(guesses: dict[str, _guess.Guess], turns: Turning | None, clock:
 
 def _without(column: np.ndarray, missing: float | int | None) -> np.ndarray:
     """Replace the number that marks a missing value, if there is one, by NaN."""
-    found = column == missing if missing is not None else np.zeros(0, bool)
-    return np.where(found, np.nan, column) if found.any() else column
+    return column if missing is None else np.where(column == missing, np.nan, column)
 
 
 def _beside(columns: list[np.ndarray]) -> np.ndarray | None:

@@ -109,11 +109,11 @@ def test_the_table_is_in_data_sheet_units_with_intervals_and_limits(call, log):
     assert lines[start + 5].startswith("floor")
 
 
-def test_guesses_are_printed_with_the_option_that_overrides_them(call, log):
+def test_what_is_read_as_what_is_printed_on_request(call, log):
     out = " ".join(call("noise", "imu.csv", "--json", "a.json", "-v").out.split())
     assert "imu.csv: gyroscope and accelerometer, 100 Hz, 1 min 20 s" in out
     assert "record for N to 10 %" in out
-    assert "If that is wrong: --columns time=0 --units time=" in out
+    assert "m/s^2 (from the name; median norm 9.808). wrote" in out
 
 
 def test_with_an_output_option_only_that_is_written(call, folder, log):

@@ -209,9 +209,9 @@ def test_every_guess_is_one_sentence_with_its_override(still, save):
         ("roles", (), True), ("read_as", ("time",), False), ("assumed", ("gyro",), True), ("read_as", ("accel",), False),
     ]  # fmt: skip
     said = [one.spelt("terminal") for one in log.findings]
-    assert said[1].endswith("If that is wrong: --columns time=0 --units time=us.")
-    assert said[2].endswith("If that is wrong: --columns gyro=1:3 --units gyro=deg/s.")
-    assert str(log.findings[2]).endswith("If that is wrong: columns={'gyro': '1:3'} units={'gyro': 'deg/s'}.")
+    assert said[1].endswith("If the unit is wrong: --units time=us.")
+    assert said[2].endswith("If the unit is wrong: --units gyro=deg/s.")
+    assert str(log.findings[2]).endswith("If the unit is wrong: units={'gyro': 'deg/s'}.")
     assert max(map(len, said)) < 200
     assert log.rate == 100.0
 

@@ -72,6 +72,14 @@ def test_recordings_one_below_the_other_and_pointers_are_no_log(name, text, code
         read(tmp_path / name, quiet=True)
 
 
+def test_a_signalling_nan_among_the_stamps_hides_no_second_recording(still, tmp_path, refuses):
+    table = np.tile(np.column_stack([still.time, still.gyro]), (2, 1))
+    table[5].view(np.uint64)[0] = 0x7FF0000000000001
+    np.save(tmp_path / "log.npy", table)
+    with refuses("several_recordings"):
+        read(tmp_path / "log.npy", quiet=True)
+
+
 def test_a_zip_file_of_one_log_and_of_one_sensor_in_each_file(still, tmp_path):
     def text(names, values):
         table = "".join(f"{t:.3f}," + ",".join(f"{v:.9g}" for v in row) + "\n" for t, row in zip(still.time, values, strict=True))

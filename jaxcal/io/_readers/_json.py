@@ -14,8 +14,6 @@ from .._columns import AXES
 from .._table import Table
 from ._bounds import FREE
 
-_EXPECTED = 'expected rows of numbers [[x, y, z], ...], records [{"x": 1, ...}, ...], or arrays by name {"mag": [[x, y, z], ...], ...}'
-
 
 def read_json(path: pathlib.Path) -> Table:
     """Read the columns of a JSON file.
@@ -25,21 +23,12 @@ def read_json(path: pathlib.Path) -> Table:
     """
     if path.stat().st_size > FREE:
         raise DataError(f"the file has {path.stat().st_size} bytes, and JSON is read up to {FREE}; write the readings as CSV", code="json")
-    try:
-        content = _parsed(path.read_text(encoding="utf-8-sig"))
-        columns = _arrays(content) or _columns(_records(content, {}))
-    except DataError:
-        raise
-    except RecursionError:
-        raise DataError(f"the lists are nested too deep; {_EXPECTED}", code="json") from None
-    except ValueError as error:
-        raise DataError(f"this is no JSON: {error}", code="json") from None
+    content = _parsed(path.read_text(encoding="utf-8-sig"))
+    columns = _arrays(content) or _columns(_records(content, {}))
     if not columns:
-        raise DataError(f"this is JSON, but there are no readings in it; {_EXPECTED}", code="json")
-    try:
-        values = [_column(column) for _, column in columns]
-    except OverflowError:
-        raise DataError("it holds a number that is too large for a reading", code="json") from None
+        forms = 'rows of numbers [[x, y, z], ...], records [{"x": 1, ...}, ...], or arrays by name {"mag": [[x, y, z], ...], ...}'
+        raise DataError(f"this is JSON, but there are no readings in it; expected {forms}", code="json")
+    values = [_column(column) for _, column in columns]
     whole = {i for i, column in enumerate(values) if column.dtype.kind == "f" and np.all(np.isfinite(column)) and not np.any(column % 1)}
     return Table(values, [name for name, _ in columns], whole, stem=path.stem)
 
@@ -92,9 +81,7 @@ def _arrays(content: Any) -> list[tuple[str, Sequence[Any]]]:
     found: list[tuple[str, Sequence[Any]]] = []
     for name, value in arrays.items():
         if len(value) == most > 3:
-            heads = [_heads(other) for other in content.values()] if _rows(value) else []
-            names = next((names for names in heads if len(names) == len(value[0])), None)
-            found += zip(names or _named(name, len(value[0])), zip(*value, strict=True), strict=True) if _rows(value) else [(name, value)]
+            found += zip(_named(name, len(value[0])), zip(*value, strict=True), strict=True) if _rows(value) else [(name, value)]
     return found
 
 
@@ -104,13 +91,6 @@ def _nested(node: dict[str, Any], before: str = "") -> dict[str, Any]:
     for name, value in node.items():
         found |= _nested(value, f"{before}{name}_") if isinstance(value, dict) else {before + name: value}
     return found
-
-
-def _heads(value: Any) -> list[str]:
-    """Names of columns: words, or objects with a name and perhaps units; none for other values."""
-    if not isinstance(value, list) or not all(isinstance(one, str) or (isinstance(one, dict) and "name" in one) for one in value):
-        return []
-    return [one if isinstance(one, str) else f"{one['name']} [{one.get('units', '')}]" for one in value]
 
 
 def _records(node: Any, around: dict[str, Any]) -> list[dict[str, Any]]:

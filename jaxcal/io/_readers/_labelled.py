@@ -42,7 +42,7 @@ def relabelled(text: str) -> Callable[[str], str] | None:
     if lines and all(map(_PLOT.match, lines)):
         return _plotted
     if turn := _turn(lines):
-        return lambda text: _as_table(_joined(text, turn))
+        return lambda text: (relabelled(joined := _joined(text, turn)) or str)(joined)
     if sum(line.strip() == "---" for line in text.split("\n", 2000)[:2000]) > 1 and _MESSAGE.search(text[:20_000]):
         return _echoed
     if (header := _listed(lines)) is not None:
@@ -60,13 +60,12 @@ def relabelled(text: str) -> Callable[[str], str] | None:
     names = _names(form)
     if form[0] == "\0" and any(map(_ESP.match, lines)):
         names[0] = "time_ms"
-    timed = form[0] == "\0"
 
     def table(text: str) -> str:
         apart = [(line, *_taken_apart(line)) for line in text.split("\n")]
         out = [",".join(numbers) if own == form else line for line, own, numbers in apart]
         first = next(i for i, (_, own, _) in enumerate(apart) if own == form)
-        return "\n".join([*out[:first], *[",".join(names)] * any(names[timed:]), *out[first:]])
+        return "\n".join([*out[:first], *[",".join(names)] * any(names[form[0] == "\0" :]), *out[first:]])
 
     return table
 
@@ -90,11 +89,6 @@ def _joined(text: str, turn: list[str]) -> str:
         if rows and kind == turn[min(len(rows[-1]), len(turn) - 1)]:
             rows[-1].append(line.strip())
     return "\n".join(" | ".join(row) for row in rows if len(row) == len(turn)) + "\n"
-
-
-def _as_table(text: str) -> str:
-    table = relabelled(text)
-    return table(text) if table else text
 
 
 def _echoed(text: str) -> str:
