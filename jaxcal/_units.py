@@ -248,3 +248,15 @@ def number(value: float, uncertainty: float) -> str:
         return f"{value:.{max(0, math.floor(math.log10(max(abs(value), uncertainty))) + decimals)}e}"
     # adding zero turns a negative zero into zero
     return f"{round(value, min(decimals, 9)) + 0.0:.{min(decimals, 9)}f}"
+
+
+def unit_label(unit: str) -> str:
+    """A unit as pictures and pages print it: "deg/sqrt(h)" as °/√h, "m/s/h^(3/2)" as m/s/(h√h).
+
+    "deg" alone stays, since ° alone is hard to see.
+    """
+    if unit == "deg":
+        return unit
+    for plain, pretty in (("h^(3/2)", "(h√h)"), ("^2", "²"), ("^3", "³"), ("deg", "°"), ("ug", "µg"), ("uT", "µT")):
+        unit = unit.replace(plain, pretty)
+    return re.sub(r"sqrt\(([^)]*)\)", r"√\1", unit)

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from .._message import Reader
-from .._units import number, shown_in
+from .._units import number, shown_in, unit_label
 from ._findings import NOTE, Finding, merged
 from ._sections import Grid, Number, Section
 from ._text import cell_text, row_unit
@@ -61,7 +61,7 @@ def grid_html(grid: Grid) -> Markup:
         tag(
             "tr",
             tag("th", label, scope="row"),
-            tag("td", row_unit(cells), class_="small"),
+            tag("td", unit_label(row_unit(cells)), class_="small"),
             *(cell(i, one) for i, one in enumerate(cells)),
         )
         for label, cells in grid.rows

@@ -38,7 +38,9 @@ def cell_text(cell: Number | str | None, wanted: Sequence[str] = (), digits: int
         said = f"{value:.6g} held"
     elif math.isfinite(half) and half > _EXACT * abs(value):
         shown = half * 10 ** (2 - digits)
-        said = f"{number(value, shown)} ± {number(half, shown)}"
+        said, apart = number(value, shown), number(half, shown)
+        # both in one notation, so that a reader can add them
+        said += f" ± {half:.{len(said.partition('.')[2])}f}" if "e" in apart and "e" not in said else f" ± {apart}"
     else:
         said = f"{value:.4g}"
     return f"{said} {cell.remark}".strip()

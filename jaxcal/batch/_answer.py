@@ -103,6 +103,8 @@ def _failed(document: dict[str, Any], fault: BaseException, path: str) -> dict[s
     again = not isinstance(fault, JaxcalError) or isinstance(fault, _Changed) or known["sha256"] is None
     reason = str(fault).strip() if isinstance(fault, JaxcalError) else _sentence(fault)
     document |= {"status": "failed", "reason": reason, "again": again}
+    if isinstance(fault, JaxcalError):
+        document["typed"] = fault.spelt("terminal")
     if not isinstance(fault, JaxcalError | OSError | MemoryError):
         document["trace"] = traceback.format_exception(fault)[-12:]
     return document | {"findings": [], "numbers": {}, "result": None}

@@ -15,9 +15,11 @@ import scipy  # loads its parts when they are first used
 from .._answer import Number
 from .._files import shown
 from .._special import NORMAL95
+from ..noise._sections import bound_of
 from ._findings import FEWEST
 
 _FALSE_ALARM = 0.05  # probability that a fleet of Gaussian coefficients has any outlier, or any trend
+_FILTER = ".filter_"  # in the names of what a filter takes, which repeat the coefficient of the worst axis
 #: coefficients that are sizes, whose scatter is relative
 _SIZES = re.compile(r"\.(?:[QNBKR]|[a-z0-9]+dev\([^)]*\))$")
 
@@ -40,6 +42,7 @@ class Entry:
     kept : whether the result comes from an earlier run.
     file : result file; None without a folder.
     topics : for a log with several IMUs, the topics of the IMU that this entry is about; "" for the first or only one.
+    typed : the reason with options spelt for the command line; None if it names none.
 
     Examples
     --------
@@ -68,6 +71,7 @@ class Entry:
     file: pathlib.Path | None
     kept: bool = False
     topics: str = ""
+    typed: str | None = None
     _text: str | None = dataclasses.field(default=None, repr=False)
 
     @property
@@ -224,10 +228,25 @@ class Fleet:
         less than 5 % of fleets. Noise coefficients and deviations are compared by their logarithms.
         """
         done = self.done
-        names = list(dict.fromkeys(name for entry in done for name in entry.coefficients))
-        compared = len({name for entry in done for name, one in entry.coefficients.items() if np.isfinite(one.value)})
+        names = list(dict.fromkeys(name for entry in done for name in entry.coefficients if _FILTER not in name))
+        compared = len(
+            {name for name in names for entry in done if name in entry.coefficients and np.isfinite(entry.coefficients[name].value)}
+        )
         along = _along(done)
         return {name: _one(name, done, compared, along) for name in names}
+
+    @property
+    def for_filters(self) -> list[tuple[str, str, int, float, float]]:
+        """The noise that a filter for any of these devices needs, in SI: name, unit, number of logs, and their median and 95 % quantile.
+
+        Each log counts with its worst axis; where a term is not present, with its upper limit.
+        """
+        found = []
+        for name in dict.fromkeys(name for entry in self.done for name in entry.coefficients if _FILTER in name):
+            rows = [entry.coefficients[name] for entry in self.done if name in entry.coefficients]
+            median, high = np.quantile([bound_of(one) for one in rows], [0.5, 0.95])
+            found.append((name.replace(_FILTER, " "), rows[0].unit, len(rows), float(median), float(high)))
+        return found
 
 
 def _one(name: str, done: Sequence[Entry], number: int, along: dict[str, np.ndarray]) -> Spread:
@@ -333,8 +352,8 @@ def overview(fleet: Fleet, identity: dict[str, Any]) -> dict[str, Any]:
             said.setdefault(one["text"] if one["code"] == "said" else one["code"], {}).setdefault(entry.name, one["text"])
     return {
         "task": identity, "logs": len(fleet), "names": [entry.name for entry in fleet.done],
-        "dates": [entry.date for entry in fleet.done], "failed": [(entry.name, entry.reason) for entry in fleet.failed],
-        "files": [_address(entry.file) for entry in fleet.done], "curves": _curves(fleet.done),
+        "dates": [entry.date for entry in fleet.done], "failed": [(entry.name, entry.typed or entry.reason) for entry in fleet.failed],
+        "files": [_address(entry.file) for entry in fleet.done], "curves": _curves(fleet.done), "filters": fleet.for_filters,
         "warnings": [(next(iter(logs.values())), list(logs)) for logs in sorted(said.values(), key=len, reverse=True)],
         "spread": {name: dataclasses.asdict(one) for name, one in fleet.spread.items()},
     }  # fmt: skip

@@ -312,7 +312,7 @@ class _Run:
             path=job.path, topics=job.topics, status=found["status"], reason=found["reason"], again=bool(found["again"]),
             coefficients={name: _number(name, **one) for name, one in found["numbers"].items()},
             findings=tuple(found["findings"]), sha256=log["sha256"], date=log["date"] and log["date"][0], seconds=seconds, file=file,
-            kept=kept, _text=text,
+            kept=kept, typed=found.get("typed"), _text=text,
         )  # fmt: skip
 
     def _note(self) -> None:

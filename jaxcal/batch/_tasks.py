@@ -81,8 +81,9 @@ def check_task(task: Any, options: dict[str, Any]) -> None:
 def answer_of(result: Any, log: Log) -> tuple[Any, dict[str, Number], list[Any]]:
     """The document of a result, its numbers, and its findings.
 
-    Numbers that an option or convention holds are left out, and so are details without an interval: they describe the log, not the
-    device, such as the length of record that a coefficient needs. A new field of a model, a new number or a new finding needs nothing here.
+    Numbers that an option or convention holds are left out, and so are details without an interval or limit: they describe the log, not
+    the device, such as the length of record that a coefficient needs. A new field of a model, a new number or a new finding needs nothing
+    here.
 
     Raises
     ------
@@ -94,7 +95,8 @@ def answer_of(result: Any, log: Log) -> tuple[Any, dict[str, Number], list[Any]]
     sections = result.sections()
     details = numbers_of(one for one in sections if isinstance(one, Grid) and one.detail)
     numbers = {
-        name: one for name, one in numbers_of(sections).items() if one.state != "held" and (name not in details or one.low < one.high)
+        name: one for name, one in numbers_of(sections).items()
+        if one.state != "held" and (name not in details or one.low < one.high or one.state == "limit")
     }  # fmt: skip
     # a limit has no value of its own
     found = {name: one._replace(value=math.nan) if one.state == "limit" else one for name, one in numbers.items()}

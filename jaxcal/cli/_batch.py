@@ -88,7 +88,9 @@ def batch(
         )  # fmt: skip
     _show(screen, fleet, running.reports)
     if not fleet.done:
-        raise jaxcal.DataError(f"none of {_logs(len(fleet))} could be answered; the first: {fleet.failed[0].reason}")
+        raise jaxcal.DataError(
+            f"none of {_logs(len(fleet))} could be answered; the first: {fleet.failed[0].typed or fleet.failed[0].reason}"
+        )
 
 
 def _options(words: tuple[str, ...] | None) -> dict[str, Any]:
@@ -113,8 +115,11 @@ def _show(screen: Screen, fleet: Any, reports: bool) -> None:
     kept = sum(entry.kept for entry in fleet)
     there = f"; {kept} of them were there already" if kept else ""
     screen.line(f"{_logs(len(fleet))}: {len(fleet.done)} answered, {len(fleet.failed)} not{there}")
-    shown = {name: one for name, one in fleet.spread.items() if one.count}
-    rows: list[tuple[str, ...]] = [("", "unit", "logs", "median", "5 %", "95 %", "out")] if shown else []
+    rows: list[tuple[str, ...]] = [("", "unit", "logs", "median", "95 %")]
+    rows += [(name, unit, str(count), f"{median:.3g}", f"{high:.3g}") for name, unit, count, median, high in fleet.for_filters]
+    screen.lines(titled("for a filter (SI), the worst axis of each log", aligned(rows)) if rows[1:] else [])
+    shown = {name: one for name, one in fleet.spread.items() if one.count >= min(2, len(fleet.done))}
+    rows = [("", "unit", "logs", "median", "5 %", "95 %", "out")] if shown else []
     for name, one in list(shown.items())[:_ROWS]:
         values = (f"{value:.4g}" for value in (one.median, one.low, one.high))
         rows.append((name, one.unit, str(one.count), *values, str(len(one.outliers) or "")))
@@ -124,7 +129,7 @@ def _show(screen: Screen, fleet: Any, reports: bool) -> None:
     for title, said in (
         ("Outliers", [f"{found.name}: {found.reason}" for found in outliers]),
         ("Trends", [trend.reason for one in shown.values() for trend in one.trends]),
-        ("Not answered", [entry.reason for entry in fleet.failed]),
+        ("Not answered", [entry.typed or entry.reason for entry in fleet.failed]),
     ):
         screen.lines(titled(title, bullets(_first(list(dict.fromkeys(said))))))
     written = [fleet.out / name for name in ("overview.html", "summary.csv", "summary.parquet", "manifest.json")]

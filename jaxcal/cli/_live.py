@@ -28,7 +28,7 @@ from ..report._page import live_page
 from ._options import CallError
 from ._screen import Screen
 
-_PERIOD = 0.2  # s between two looks at the readings; the page follows within 0.5 s
+_PERIOD = 0.1  # s between two looks at the readings, so that the page follows within 0.5 s on a busy machine too
 _AXES = (("mx", "my", "mz"), ("x", "y", "z"))
 
 
@@ -203,6 +203,6 @@ def _served(session: _Session) -> Iterator[str]:
     try:
         yield f"http://127.0.0.1:{server.server_port}/{token}/"
     finally:
-        time.sleep(2 * _PERIOD)  # the page fetches the last state
+        time.sleep(5 * _PERIOD)  # the page fetches the last state
         server.shutdown()
         server.server_close()

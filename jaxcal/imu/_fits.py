@@ -257,15 +257,19 @@ def left_out(joint: Joint) -> tuple[float, int]:
     return float(np.mean(across[valid] ** 2)), int(valid.sum())
 
 
-def held_out(joint: Joint, options: Options) -> np.ndarray:
-    """Held-out rms of the magnitudes and of the components of the turns, by two-fold cross-validation; NaN with too few of them."""
+def held_out(joint: Joint, options: Options) -> tuple[np.ndarray, np.ndarray]:
+    """Held-out rms of the magnitudes and of the components of the turns, by two-fold cross-validation, and the angle after each turn.
+
+    NaN with too few of them.
+    """
     data, turns = joint.data, joint.data.turns
     assert turns is not None
     known, valid, whiten = np.isfinite(data.poses.sigma), np.isfinite(turns.sigma), np.asarray(data.whiten)
     even, parts = np.arange(len(known)) % 2 == 0, []
+    angle = np.full(len(valid), np.nan)
     for inside in (even, ~even):
         if np.sum(known[inside]) < 9 or np.sum(valid[inside[:-1]]) < 6:
-            return np.full(2, np.nan)
+            return np.full(2, np.nan), angle[valid]
         keep = np.repeat(inside[:-1], 2)
         sigma = np.where(inside, data.poses.sigma, np.inf)
         still = np.where(inside[:, None], data.poses.gyro_sigma, np.inf)
@@ -274,5 +278,7 @@ def held_out(joint: Joint, options: Options) -> np.ndarray:
             whiten=np.where(keep[:, None] & keep[None, :], whiten, 0.0),
         )  # fmt: skip
         found = pieces(refitted(joint.fit.model, half, options).model, data)
-        parts.append((found.norm[~inside & known], found.turned[~inside[:-1] & valid]))
-    return np.array([np.sqrt(np.mean(np.concatenate(kind) ** 2)) for kind in zip(*parts, strict=True)])
+        out = ~inside[:-1] & valid
+        angle[out] = np.linalg.norm(found.turned[out], axis=1)
+        parts.append((found.norm[~inside & known], found.turned[out]))
+    return np.array([np.sqrt(np.mean(np.concatenate(kind) ** 2)) for kind in zip(*parts, strict=True)]), angle[valid]

@@ -178,7 +178,8 @@ class Job(eqx.Module):
         found = self.joint(dataclasses.replace(begun, start=start), True, _fits.ROUNDS - 1)
         found, options, shift = self.without_sensitivity(found, rests, notes)
         if held_out:
-            base = dataclasses.replace(base, held_out=_fits.held_out(found, options))
+            sizes, angles = _fits.held_out(found, options)
+            base = dataclasses.replace(base, held_out=sizes, held_out_turn=angles)
         causes = partial(_fits.causes, np.asarray(begun.start.gyro.bias), padded(begun.vertical, rests.slots), turns, begun.scale)
         return self.made(base, found, rests, notes, causes, shift)
 

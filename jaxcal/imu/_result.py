@@ -63,6 +63,7 @@ class ImuFit(Result):
     sigma : (3,) standard deviations of these three residuals for one pose or turn: m/s^2, rad, rad/s.
     down_weighted : two index arrays, the poses and the turns whose weight under the robust loss is below one half.
     held_out : (2,) rms error on poses and turns left out of the fit: magnitude (m/s^2) and components of the turns (rad).
+    held_out_turn : (s,) the angle after each turn (rad) where it was left out of the fit; empty or NaN if no turn was.
     still : the `StillIntervals` that the fit used.
     observability : `Observability`: condition, missing attitudes, sentence.
     drift : (3,) drift of the gyroscope's bias, rad/s per s; zero if the F test finds none.
@@ -95,6 +96,7 @@ class ImuFit(Result):
     sigma: AnyArray = _unknown(3)
     down_weighted: tuple[Any, Any] = (np.zeros(0, dtype=int), np.zeros(0, dtype=int))
     held_out: AnyArray = _unknown(2)
+    held_out_turn: AnyArray = _unknown(0)
     still: StillIntervals | None = None
     observability: Observability | None = None
     drift: AnyArray = _unknown(3, fill=0.0)

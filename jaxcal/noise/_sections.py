@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from .._answer import Curve, Grid, Number, Section, joined_names
-from .._units import si_unit_of
+from .._answer import Curve, Grid, Number, Section, joined_names, listed
 from ._terms import BUILT_IN
 
 SENSORS = {"gyro": "gyroscope", "accel": "accelerometer", "mag": "magnetometer"}
@@ -98,9 +97,13 @@ def sections_of(fits: Mapping[str, Any]) -> list[Section]:
     groups: dict[str, dict[str, Any]] = {}
     for name, fit in fits.items():
         groups.setdefault(fit.sensor, {})[name] = fit
+    filters = [
+        (f"{SENSORS.get(sensor, sensor)} {one.name[-1]}", one) for sensor, axes in groups.items() for one in _for_filters(sensor, axes)
+    ]
     return [
         *(_coefficients(sensor, axes) for sensor, axes in groups.items()),
         *(_details(sensor, axes) for sensor, axes in groups.items() if next(iter(axes.values())).deviation is not None),
+        listed("filter", "for a filter, worst axis", filters, detail=True),
         *(_curve(name, fit) for name, fit in fits.items() if fit.deviation is not None),
     ]
 
@@ -145,22 +148,41 @@ def _coefficients(sensor: str, axes: Mapping[str, Any]) -> Grid:
             rows += [(f"{tau:g} s  deviation", cells)] if any(cells) else []
     # what no axis determines is among the details
     rows = [row for row in rows if not _all_open(row)]
-    return Grid(sensor or "noise", SENSORS.get(sensor, "noise"), columns_of(axes, sensor), tuple(rows), note=_for_filters(sensor, axes))
+    return Grid(
+        sensor or "noise",
+        SENSORS.get(sensor, "noise"),
+        columns_of(axes, sensor),
+        tuple(rows),
+        note=_filter_line(_for_filters(sensor, axes)),
+    )
 
 
 def _all_open(row: tuple[str, tuple[Number | None, ...]]) -> bool:
     return all(cell is not None and cell.state == "open" for cell in row[1])
 
 
-def _for_filters(sensor: str, axes: Mapping[str, Any]) -> str:
-    """N and K of the worst axis in SI, or the upper limit of what is not present, as files for other tools have them."""
-    said = []
+def _for_filters(sensor: str, axes: Mapping[str, Any]) -> list[Number]:
+    """N and K of the worst axis, or the upper limit of what is not present, as files for other tools have them."""
+    found = []
     for term in ("N", "K") if sensor else ():
-        fits = [fit for fit in axes.values() if term in fit.presence]
-        seen = [fit.presence[term] == "present" for fit in fits]
-        values = [float(fit.noise.coefficient(term) if one else fit.upper_limit[term]) for fit, one in zip(fits, seen, strict=True)]
-        if values and math.isfinite(max(values)):
-            said.append(f"{term} {max(values):.3g} {si_unit_of(f'{term}.{sensor}')}")
+        cells = []
+        for fit in (fit for fit in axes.values() if term in fit.presence):
+            one = number_of(fit, term)
+            if fit.presence[term] != "present":
+                one = one._replace(value=math.nan, low=math.nan, high=float(fit.upper_limit[term]), state="limit")
+            cells.append(one._replace(name=f"{sensor}.filter_{term}", remark=""))
+        if cells and math.isfinite(bound_of(worst := max(cells, key=bound_of))):
+            found.append(worst)
+    return found
+
+
+def bound_of(one: Number) -> float:
+    """What a filter takes of a coefficient: its value, or its upper limit."""
+    return float(one.high if one.state == "limit" else one.value)
+
+
+def _filter_line(numbers: list[Number]) -> str:
+    said = [f"{one.name[-1]} {bound_of(one):.3g} {one.unit}" for one in numbers]
     return f"filter (SI, worst axis): {', '.join(said)}" if said else ""
 
 

@@ -4,7 +4,6 @@ import io
 import math
 import os
 import pathlib
-import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -154,13 +153,6 @@ def save(figure: Checked["Figure | Axes | np.ndarray"], path: str | os.PathLike[
     mark = {"png": "Software", "svg": "Creator", "pdf": "Creator"}  # the field of metadata by which jaxcal knows its own files
     drawn.savefig(buffer, format=ending, dpi=dpi, metadata={mark[ending]: "jaxcal"} if ending in mark else None)
     write_atomically(path, buffer.getvalue())
-
-
-def unit_label(unit: str) -> str:
-    """A unit as it is printed: "deg/sqrt(h)" as °/√h, "m/s/h^(3/2)" as m/s/(h√h)."""
-    for plain, pretty in (("h^(3/2)", "(h√h)"), ("^2", "²"), ("^3", "³"), ("deg", "°"), ("ug", "µg"), ("uT", "µT")):
-        unit = unit.replace(plain, pretty)
-    return re.sub(r"sqrt\(([^)]*)\)", r"√\1", unit)
 
 
 def interval_labels(value: float, low: float, high: float) -> tuple[str, str, str]:

@@ -56,9 +56,11 @@ def answer_page(result: Any, log: Any, version: str, reader: Reader, described: 
     link = [" ", tag("a", f"{count} warning{'s' * (count != 1)}", href="#findings", class_="small")] if count else []
     none = "No warnings. Notes stand below the pictures." if len(told) > len(urgent) else "No warnings."
     limits = [tag("details", tag("summary", "With the limits of the intervals"), class_="limits")] if tables else []
+    copies = _copies(result, getattr(module, "PART", None), log)
+    tools = [tag("details", tag("summary", "For a filter or another tool: choose, and copy"), *copies, class_="tools")] if copies else []
     beside = tag(
         "div",
-        section("Numbers", "numbers", *tables, *limits),
+        section("Numbers", "numbers", *tools, *tables, *limits),
         section("What to know", "findings", *_few_first(urgent, reader) or [tag("p", none)]),
         class_="beside",
     )
@@ -66,7 +68,6 @@ def answer_page(result: Any, log: Any, version: str, reader: Reader, described: 
     first = tag("div", *main[:1], beside, *main[1:], class_="first") if main else beside
     parts = [tag("section", head, aria_label="Verdict"), first, *further]
     parts += [section("The signal, and what was set aside", "evidence", seen)] if (seen := timelines(log)) else []
-    parts += [fold("Numbers for other tools", "tools", *copies)] if (copies := _copies(result, getattr(module, "PART", None), log)) else []
     parts += [fold("Details", "details", *detail)] if detail else []
     notes = findings_html([one for one in told if one.severity < CAUTION], reader)
     parts += [fold("Notes", "notes", notes)] if notes else []

@@ -13,12 +13,13 @@ import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from .._log import Log
-from .._units import noise_factor, noise_units, si_unit
+from .._units import noise_factor, noise_units, si_unit, unit_label
 from ..allan import Deviation
 from ..noise import NoiseFit
 from ..noise._result import FittedSpectrum
+from ..noise._sections import bound_of, floor_of
 from ..plot._allan import KINDS
-from ..plot._style import SENSORS, unit_label
+from ..plot._style import SENSORS
 from ..spectrum import Spectrum, density
 from ._html import FINE, MOST, Markup, data, tag
 from ._svg import Mark, figure, log_axis
@@ -109,6 +110,8 @@ def _channel(name: str, result: Any, log: Log | None, grids: _Grids, level: floa
         found["allan"] = _allan(deviation, fit, grids)
     if fit is not None and deviation is not None:
         found["terms"] = {term: _term(fit, term) for term in fit.terms if term in fit.presence}
+        low, at = floor_of(fit)
+        found["floor"] = short([at.value, bound_of(low)], 5)
         found["events"] = [[float(f"{start:.5g}"), float(f"{stop:.5g}"), words] for start, stop, words in fit.events]
         fitted = fit.spectrum if fit.spectrum is not None else _of_record(fit, values, deviation.rate)
         if fitted is not None:
@@ -254,9 +257,12 @@ def _figures(sensor: str, about: dict[str, Any]) -> list[Markup]:
                     marks.append(Mark("dots", get(c["tau"])[there], get(c["value"], scale)[there], i, look=look))
             if "model" in c:
                 marks.append(Mark("line", get(c["model"]["x"]), get(c["model"]["total"], scale), i))
+        floors = [(i, one["floor"]) for i, one in enumerate(channels) if "floor" in one]
+        marks += [Mark("dots", get(at[:1]), get(at[1:], scale), i, look="large faint") for i, at in floors]
         x = log_axis("Cluster time τ (s)", [get(c["tau"]) for _, c in curves])
         y = log_axis(f"{about['deviation']} ({unit_y})", [get(c["value"], scale) for _, c in curves], 2.0)
         said = f"Points: measured, with {about['level']:g} % intervals." + " Lines: fitted model." * any("model" in c for _, c in curves)
+        said += " Large: the floor, or its upper limit." * bool(floors)
         found.append(figure(f"{sensor}-allan", f"{name}: {about['deviation']}", said, x, y, marks, names))
     if curves := [(i, one["spectrum"]) for i, one in enumerate(channels) if "spectrum" in one]:
         area = scale**2

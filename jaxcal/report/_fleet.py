@@ -8,7 +8,8 @@ import numpy as np
 
 from .._answer._html import each
 from .._files import version_of, write_atomically
-from ..plot._style import number_label, unit_label
+from .._units import unit_label
+from ..plot._style import number_label
 from ._html import LISTED, MOST, PANELS, Markup, definitions, join, scroll, section, table, tag
 from ._page import page
 from ._svg import Mark, figure, linear_axis, log_axis
@@ -29,7 +30,8 @@ def write_fleet(fleet: dict[str, Any], path: str | os.PathLike[str]) -> None:
     ----------
     fleet : `task` (name, options, reading, jaxcal), `logs` (number of logs), `names` and `dates` of the logs with a result, `failed`
         (pairs of name and reason), `files` (addresses of the results), `curves` (channel -> number of the log -> times and deviations),
-        `warnings` (pairs of sentence and names), and `spread` (name -> the fields of `jaxcal.batch.Spread`).
+        `warnings` (pairs of sentence and names), `filters` (`jaxcal.batch.Fleet.for_filters`), and `spread` (name -> the fields of
+        `jaxcal.batch.Spread`).
     path : file to write; an existing file is replaced atomically.
 
     Raises
@@ -52,7 +54,7 @@ def write_fleet(fleet: dict[str, Any], path: str | os.PathLike[str]) -> None:
         _outliers(fleet), _trends(fleet),
         section("Logs without an answer", "failed", failed),
         _warnings(fleet), section("What the words mean", "meaning", definitions(_MEANING)),
-        section("Provenance", "provenance", definitions((key, str(value)) for key, value in fleet["task"].items() if value)),
+        section("Provenance", "provenance", definitions(((key, str(value)) for key, value in fleet["task"].items() if value), "pairs")),
     )  # fmt: skip
     write_atomically(path, page(f"Fleet: {task}", lead, join(body), f"Written by jaxcal {version}"))
 
@@ -90,7 +92,7 @@ def _curves(fleet: dict[str, Any]) -> list[Markup]:
         units = [one["unit"] for name, one in fleet["spread"].items() if name.startswith(f"{channel}.") and "dev" in name]
         x, y = (
             log_axis(label, [one[i] for one in curves.values()])
-            for i, label in enumerate(("cluster time (s)", f"deviation ({unit_label(units[0])})" if units else "deviation"))
+            for i, label in enumerate(("Cluster time τ (s)", f"Deviation ({unit_label(units[0])})" if units else "Deviation"))
         )
         lines = [
             Mark("line", tau, deviation, int(fleet["names"][i] in odd), look="thin", log=fleet["names"][i], link=fleet["files"][i])
@@ -102,7 +104,7 @@ def _curves(fleet: dict[str, Any]) -> list[Markup]:
 
 
 def _spread(fleet: dict[str, Any]) -> Markup:
-    shown = {name: one for name, one in fleet["spread"].items() if one["count"]}
+    shown = {name: one for name, one in fleet["spread"].items() if one["count"] >= min(2, len(fleet["names"]))}
     if not shown:
         return Markup("")
     drawn = set(sorted(shown, key=lambda name: -len(shown[name]["outliers"]))[:LISTED])  # prefer those with outliers
@@ -121,7 +123,20 @@ def _spread(fleet: dict[str, Any]) -> Markup:
         for name, one in shown.items()
     ]  # fmt: skip
     listed = scroll(table(columns, rows), "Spread of every coefficient", "scroll numbers")
-    return tag("div", section("Spread", "spread", listed, tag("p", caption, class_="small")), class_="beside")
+    return tag("div", _filters(fleet), section("Spread", "spread", listed, tag("p", caption, class_="small")), class_="beside")
+
+
+def _filters(fleet: dict[str, Any]) -> Markup:
+    """What a filter for any of the devices needs; nothing for a task that does not say it."""
+    found = fleet.get("filters") or []
+    rows = [(name, unit_label(unit), f"{high:.3g}", f"{median:.3g}", count) for name, unit, count, median, high in found]
+    listed = table(("Worst axis", "SI unit", "95 %", "Median", "Logs"), rows)
+    about = "Of each log; 95 % of the logs are below the first number. A log in which a term is not present counts with its upper limit."
+    return (
+        section("For a filter", "filter", scroll(listed, "For a filter", "scroll numbers"), tag("p", about, class_="small"))
+        if rows
+        else Markup("")
+    )
 
 
 def _shown(value: float) -> str:

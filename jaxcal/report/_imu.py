@@ -18,7 +18,7 @@ def lead(found: ImuFit) -> str:
 
 
 def figures(found: ImuFit, log: Any) -> tuple[list[Markup], list[Markup]]:
-    """The residuals of poses and turns."""
+    """The residuals of turns and poses."""
     shown = _residuals(found) if found.accel is not None else []
     return [charts([one]) for one in shown[:2]], [section("Residuals", "residuals", charts(shown[2:]))] if shown[2:] else []
 
@@ -40,16 +40,17 @@ def _residuals(found: ImuFit) -> list[Chart]:
         return Curve(name, "dots", np.arange(1, len(values) + 1), values, color=color, hollow=hollow)
 
     note = "Hollow: weighed down by the robust loss."
-    norm, turns = -np.asarray(found.residual_norm), np.asarray(found.residual_turn)
+    norm, turns, out = -np.asarray(found.residual_norm), np.asarray(found.residual_turn), np.asarray(found.held_out_turn)
     shown = [
         Chart("imu-norm", "Norm of the specific force less gravity, at rest", f"One dot a pose; {found.sigma[0]:.2g} m/s² rms. {note}",
               "Pose", "Norm less gravity", (("mm/s²", 1e-3), ("mg", STANDARD_GRAVITY * 1e-3)), [dots("norm", norm, 0, down[0])])
     ]  # fmt: skip
     if found.gyro is not None and len(turns):
-        shown.append(
-            Chart("imu-turn", "Angle after each turn", f"Between the vertical that the gyroscope predicts and the accelerometer's. {note}",
-                  "Turn", "Angle after the turn", (("deg", np.pi / 180), ("mrad", 1e-3)), [dots("angle", turns, 1, down[1])])
-        )  # fmt: skip
+        angles = [dots("in the fit", turns, 0, down[1])]
+        angles += [dots("left out of the fit", out, 1)] if np.isfinite(out).any() else []
+        about = f"Between the vertical that the gyroscope predicts and the accelerometer's. {note}"
+        units = (("deg", np.pi / 180), ("mrad", 1e-3))
+        shown.insert(0, Chart("imu-turn", "Angle after each turn", about, "Turn", "Angle after the turn", units, angles))
     if found.gyro is not None and len(found.residual_rest):
         rates = np.asarray(found.residual_rest).T
         shown.append(

@@ -1,4 +1,4 @@
-"""Figures of the alignment of a turntable: the readings with the fitted model, and the distribution of the azimuth."""
+"""Figures of the alignment of a turntable: the azimuth on a compass and its distribution, and the readings with the fitted model."""
 
 import math
 from typing import Any
@@ -7,11 +7,11 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._special import NORMAL95
-from .._units import factor, shown_in
+from .._units import factor, shown_in, unit_label
 from ..alignment import AlignmentFit, Positions, Readings
-from ..plot._style import unit_label
 from ._charts import Chart, Curve, charts
 from ._html import Markup, numbers, section
+from ._svg import ASPECT, Axis, Mark, figure
 
 SUBJECT = "Alignment"
 _, _DEG = shown_in("angle")
@@ -25,11 +25,32 @@ def lead(result: AlignmentFit) -> str:
 
 
 def figures(result: AlignmentFit, _: Any) -> tuple[list[Markup], list[Markup]]:
-    """The distribution of the azimuth, and the readings over the table angle."""
-    readings, azimuth = result.readings, _azimuth(result)
-    shown = [*azimuth, *_readings(readings, result)[::-1]]
-    more = [charts(shown[2:])] if shown[2:] else []
-    return [charts([one]) for one in shown[:2]], [section("Readings", "readings", *more, _numbers(readings, result))]
+    """The azimuth on a compass and its distribution, if it was determined, and the readings over the table angle."""
+    readings, psi = result.readings, result.estimate["psi"]
+    known = psi.state == "estimated" and 0 < float(np.asarray(result.azimuth_std)) < math.inf
+    drawn = charts(_readings(readings, result)[::-1])
+    main = [_compass(psi), charts([_azimuth(result)])] if known else []
+    return main, [section("Readings", "readings", drawn, _numbers(readings, result))]
+
+
+def _compass(psi: Any) -> Markup:
+    """The azimuth as a needle and its 95 % interval as a sector, on a compass with north at the top."""
+    value, low, high = (float(one) / _DEG for one in (psi.value, psi.low, psi.high))
+    side = 125.0
+
+    def at(angle: Any, radius: float = side) -> Any:
+        """Points across and up from the centre; one for each angle in degrees, clockwise from north."""
+        return radius * np.sin(np.deg2rad(angle)), radius * np.cos(np.deg2rad(angle))
+
+    turn, sector = np.linspace(0.0, 360.0, 121), np.linspace(low, min(high, low + 360.0), 2 + int(min(high - low, 360.0) / 3))
+    marks = [Mark("line", *at(turn), "frame"), Mark("band", *(np.append(part, 0.0) for part in at(sector)), 1)]
+    marks.append(Mark("line", *at(sector), 1, look="wide"))
+    marks += [Mark("line", *np.transpose([at(angle, side - 8.0), at(angle)]), "frame") for angle in range(0, 360, 30)]
+    marks.append(Mark("line", *np.transpose([(0.0, 0.0), at(value, side - 6.0)]), 0))
+    letters = [(word, *at(angle, side + 13.0)) for word, angle in zip("NESW", range(0, 360, 90), strict=True)]
+    about = f"Azimuth {value:.4g}°, from north towards east. Orange: 95 %, between {low:.4g}° and {high:.4g}°."
+    x, y = (Axis("", -part * (side + 25.0), part * (side + 25.0), False) for part in (ASPECT, 1.0))
+    return figure("north-compass", "Azimuth", about, x, y, marks, letters=letters)
 
 
 def _readings(readings: Readings, result: AlignmentFit) -> list[Chart]:
@@ -61,19 +82,15 @@ def _readings(readings: Readings, result: AlignmentFit) -> list[Chart]:
     return shown
 
 
-def _azimuth(result: AlignmentFit) -> list[Chart]:
-    """Distribution of the azimuth, if it was determined."""
-    psi = result.estimate["psi"]
-    std = float(np.asarray(result.azimuth_std))
-    if psi.state != "estimated" or not 0 < std < math.inf:
-        return []
+def _azimuth(result: AlignmentFit) -> Chart:
+    """Distribution of the azimuth."""
+    psi, std = result.estimate["psi"], float(np.asarray(result.azimuth_std))
     low, high, freedom = psi.low, psi.high, float(result.estimate.select("psi").freedom[0])
     x = psi.value + (high - low) * np.linspace(-1.0, 1.0, 121)
     density = scipy.stats.t.pdf(x, freedom, psi.value, std) * _DEG
-    about = f"Azimuth {psi.value / _DEG:.4g}°, 95 % between {low / _DEG:.4g}° and {high / _DEG:.4g}° (dashed)."
     curve = Curve("density", "line", x / _DEG, density, np.zeros(len(x)), density, label="density")
-    return [Chart("north-azimuth", "Distribution of the azimuth", about, "Azimuth (deg)", "Density (1/deg)", (("", 1.0),), [curve],
-                  [low / _DEG, high / _DEG])]  # fmt: skip
+    return Chart("north-azimuth", "Distribution of the azimuth", "Dashed: the ends of the 95 % interval.", "Azimuth (deg)",
+                 "Density (1/deg)", (("", 1.0),), [curve], [low / _DEG, high / _DEG])  # fmt: skip
 
 
 def _numbers(readings: Readings, result: AlignmentFit) -> Markup:

@@ -45,10 +45,10 @@ nav { display: none; }
 .main { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 26rem), 1fr)); gap: 0 2rem; }
 .first > *, .main > *, .static > figure { min-width: 0; }
 .first .matrix :is(th, td) { padding: .2rem .6rem .2rem 0; font-size: .875rem; }
-.first .number { white-space: normal; } .first .numbers { max-height: 36rem; }
+.first .number { white-space: normal; } .first .numbers { max-height: 36rem; } .drawn .wide { stroke-width: 6; }
 .first .charts, .first figure { margin: 0 0 .5rem; }
 section:has(> .limits:not([open])) .exact { display: none; }
-.limits { border: 0; margin: 0; padding: 0; color: var(--muted); font-size: .875rem; }
+.limits, .tools { border: 0; margin: 0; padding: 0; color: var(--muted); font-size: .875rem; }
 @media screen and (min-width: 66rem) {
   .first { display: grid; grid-template-columns: minmax(0, 28rem) minmax(0, 1fr); grid-template-rows: repeat(3, auto) 1fr; gap: 0 2rem; }
   .first > * { grid-column: 1; }
@@ -120,6 +120,7 @@ dd { margin: 0; }
 .key span { white-space: nowrap; }
 .key i { display: inline-block; width: .7rem; height: .7rem; border-radius: 50%; background: var(--c); margin-left: .6rem; }
 footer { color: var(--muted); font-size: .875rem; padding-bottom: 2rem; }
+#reason::first-letter { text-transform: uppercase; }
 :focus-visible { outline: 2px solid var(--series-0); outline-offset: 2px; }
 @media (max-width: 36rem) {
   body { display: flex; flex-direction: column; }
@@ -140,27 +141,32 @@ footer { color: var(--muted); font-size: .875rem; padding-bottom: 2rem; }
   .matrix td:has(> .number:empty) { display: none; }
   .matrix tr:not(:has(td:nth-of-type(3) > .number:not(:empty))) td { flex: 0 1 auto; }
   .matrix tr:not(:has(td:nth-of-type(3) > .number:not(:empty))) td::before { content: none; }
-  .matrix td::before { content: attr(data-axis); color: var(--muted); margin-right: .3rem; }
+  .matrix td::before { content: attr(data-axis); color: var(--muted); margin-right: .3rem; white-space: nowrap; }
   .scroll .exact { white-space: normal; } .first .number { white-space: nowrap; }
   .numbers table { font-size: .8rem; }
 }
 @media print {
-  @page { margin: 15mm; }
+  @page { margin: 12mm; }
   body { font-size: 9pt; line-height: 1.35; print-color-adjust: exact; }
   header, main, footer, body > .facts { max-width: none; padding: 0; }
   figure, tr, li, dd { break-inside: avoid; }
-  nav, .sphere.replay, .numbers, #tools, #brush { display: none; }
-  details:has(> .numbers, > pre, > summary > #tools, > summary > #meaning, > summary > #details) { display: none; }
+  nav, .sphere.replay, .numbers, .tools, #brush { display: none; }
+  details:has(> .numbers, > pre, > summary > #meaning, > summary > #details) { display: none; }
   section > .numbers, .first .numbers { display: block; max-height: none; overflow: visible; }
   section > .numbers table { font-size: 7pt; }
-  section > .numbers .strip { width: 6rem; min-width: 6rem; }
+  section > .numbers .strip { width: 6rem; min-width: 6rem; height: .75rem; margin: 0; }
   ul:has(+ .every), .exact, .limits { display: none !important; }
-  .first > .sphere, .beside { grid-column: 1 / -1; }
-  .beside { order: 1; }
-  .pairs { columns: 2; display: block; } .pairs :is(dt, dd) { display: inline; } .pairs dd::before { content: " "; }
+  .first > .sphere, .first > .sphere > .static { display: contents; }
+  .beside { grid-column: 1 / -1; order: 1; } .first > :nth-child(n + 4) { order: 2; }
+  .explore:not(:has(.static > *)), section:has(> .explore):not(:has(.static > *)) { display: none; }
+  .fold:has(> .pairs) { break-inside: avoid; }
+  .small, figcaption, .pairs, footer { font-size: 8pt; } .pairs dt { margin: 0; } h2 { margin-top: .6rem; }
+  .every { border: 0; padding: 0; } .every > summary { display: none; } p, ul, dl { margin: .3rem 0; }
+  :is(ul, p) + .main { break-before: avoid; } .first > div:has(> figure + p) { grid-column: 1 / -1; columns: 2; }
+  .pairs { columns: 3; display: block; } .pairs :is(dt, dd) { display: inline; } .pairs dd::before { content: " "; }
   .pairs dd::after { content: "\\A"; white-space: pre; } .first .matrix :is(th, td) { padding: .1rem .4rem .1rem 0; font-size: 8pt; }
   .main, .first, .live > .static { display: grid; grid-template-columns: 1fr 1fr; gap: 0 1rem; }
-  .first > :not(.sphere) > .static { display: block; }
+  .first > .charts > .static { display: block; }
   figure { margin: .5rem 0; }
   th, td { padding: .15rem .4rem; }
   h2, h3 { break-after: avoid; }
@@ -213,7 +219,7 @@ def live_page() -> str:
                         for part in (tag("dt", name), tag("dd", "", id=place))), class_="facts")  # fmt: skip
     body = tag(
         "div", tag("p", "Turn the sensor so that the next reading falls on the cross.", id="turn"), tag("p", "", id="reason"), facts,
-        tag("p", tag("button", "Stop", type="button", id="stop")),
+        tag("p", tag("button", "Stop", type="button", id="stop"), class_="bar still"),
         tag("div", data(nothing | {"unit": "", "field": 1}), tag("div", class_="static"), class_="sphere"), id="live",
     )  # fmt: skip
     return page("Magnetometer", "Recording", body, "Served by this machine, for this machine alone")

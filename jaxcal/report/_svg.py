@@ -47,9 +47,9 @@ class Axis(NamedTuple):
 
 
 class Mark(NamedTuple):
-    """Something to draw: a "line", "dots", or a "band" between y and `top`; `color` is a number, or the name of a CSS class.
+    """Something to draw: a "line", "dots", or a "band" between y and `top`, or inside of the points if there is no `top`.
 
-    `log` is the name of the log that it belongs to, and `link` the address of its result.
+    `color` is a number, or the name of a CSS class; `log` is the name of the log that it belongs to, and `link` the address of its result.
     """
 
     kind: str
@@ -78,9 +78,14 @@ def linear_axis(label: str, values: Iterable[Any], pad: float = 0.05) -> Axis:
     return Axis(label, low - room, high + room, False)
 
 
-def figure(prefix: str, title: str, about: str, x: Axis, y: Axis, marks: Sequence[Mark], names: Sequence[str] = ()) -> Markup:
-    """Make a figure with its caption; `names` label the colours in the key."""
-    parts = [tag("title", title, id=f"{prefix}-title"), tag("desc", about, id=f"{prefix}-desc"), _grid(x, y)]
+def figure(
+    prefix: str, title: str, about: str, x: Axis, y: Axis, marks: Sequence[Mark], names: Sequence[str] = (),
+    letters: Sequence[tuple[str, Any, Any]] = (),
+) -> Markup:  # fmt: skip
+    """Make a figure with its caption; `names` label the colours in the key. With `letters` and their places it has no other axes."""
+    placed = (tag("text", word, x=f"{_across(x, a):.1f}", y=f"{_up(y, b) + 4:.1f}", text_anchor="middle") for word, a, b in letters)
+    back = join(placed) if letters else _grid(x, y)
+    parts = [tag("title", title, id=f"{prefix}-title"), tag("desc", about, id=f"{prefix}-desc"), back]
     clip = f"{prefix}-clip"
     box = tag("rect", x=_LEFT, y=_TOP, width=_WIDTH - _LEFT - _RIGHT, height=_HEIGHT - _TOP - _BOTTOM)
     parts.append(tag("clipPath", box, id=clip))
@@ -140,9 +145,9 @@ def _drawn(x: Axis, y: Axis, mark: Mark) -> Markup:
         path = "".join(f"M{a:.1f} {b:.1f}h0" for a, b in zip(across[known], up[known], strict=True))
         return tag("path", d=path, class_=f"dots {mark.look} {color}".replace("  ", " "))
     if mark.kind == "band":
-        top = _up(y, mark.top)
-        known &= np.isfinite(top)
-        there, back = (list(zip(across[known], edge[known], strict=True)) for edge in (up, top))
+        top = up[:0] if mark.top is None else _up(y, mark.top)
+        known &= mark.top is None or np.isfinite(top)
+        there, back = (list(zip(across[known], edge[known], strict=True)) if len(edge) else [] for edge in (up, top))
         if not there:
             return Markup("")
         return tag("path", d=_path([*there, *back[::-1]]) + "Z", class_=f"band {mark.look} {color}".replace("  ", " "))

@@ -3,8 +3,8 @@
 import numpy as np
 
 from .._answer import joined_names
-from .._units import noise_factor, noise_units
-from ..plot._style import SENSORS, unit_label
+from .._units import noise_factor, noise_units, unit_label
+from ..plot._style import SENSORS
 from ..temperature import TemperatureFit, TemperatureFits
 from ._charts import Chart, Curve, charts
 from ._html import MOST, Markup

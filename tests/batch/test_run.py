@@ -168,13 +168,16 @@ def test_named_tasks_give_what_the_library_gives(tmp_path, pool):
 
 def test_noise_has_no_value_where_a_term_is_not_there(tmp_path, pool):
     (path,) = make_logs(tmp_path, 1, samples=5000)
-    (entry,) = run([path], "noise", executor=pool, options={"terms": ("N", "K")})
-    fit = jaxcal.noise.characterise(jaxcal.read(path, quiet=True), terms=("N", "K"))["gyro_x"]
+    (entry,) = fleet = run([path], "noise", executor=pool, options={"terms": ("N", "K")})
+    fits = jaxcal.noise.characterise(jaxcal.read(path, quiet=True), terms=("N", "K"))
+    fit = fits["gyro_x"]
     assert entry.coefficients["gyro_x.N"].value == float(fit.noise.N)
     assert (entry.coefficients["gyro_x.N"].low, entry.coefficients["gyro_x.N"].high) == fit.interval["N"]
     assert fit.presence["K"] == "not detected"
     assert np.isnan(entry.coefficients["gyro_x.K"].value)
     assert entry.coefficients["gyro_x.K"].high == fit.upper_limit["K"]
+    n, k = max(float(one.noise.N) for one in fits.values()), max(one.upper_limit["K"] for one in fits.values())
+    assert fleet.for_filters == [("gyro N", "rad/sqrt(s)", 1, n, n), ("gyro K", "rad/s/sqrt(s)", 1, k, k)]
     assert entry.document["result"]["schema"] == "jaxcal.NoiseFits/1"
 
 
@@ -184,7 +187,9 @@ def test_pages_of_single_logs_are_made_on_demand(tmp_path, pool, refuses):
     kept = [run([path], "noise", **call, reports=reports).done[0].kept for reports in (False, True, True, False)]
     assert kept == [False, False, True, True]  # a result without its page is computed again
     (page,) = (tmp_path / "out" / "results").glob("*.html")
-    assert f"results/{page.name}" in (tmp_path / "out" / "overview.html").read_text()
+    overview = (tmp_path / "out" / "overview.html").read_text()
+    assert f"results/{page.name}" in overview
+    assert '<h2 id="filter">' in overview
     run([path], "noise", **call, resume=False)
     assert not page.exists()
     with refuses("reports"):

@@ -21,14 +21,14 @@ def logs(folder):
 
 
 def test_a_fleet_is_answered_and_what_failed_is_told(call, folder, logs):
-    (logs / "bad.csv").write_text("no log")
+    (logs / "bad.csv").write_text("time,gyro_x\n0,1\n")
     found = call("batch", "logs", "--task", "allan", "--out", "out", "--workers", "1", "--set", "kind=mdev", "--set", "m=[1,10,100]")
     assert (found.status, found.err) == (0, "")
     lines = found.out.splitlines()
     assert max(map(len, lines)) <= 80
     assert lines[0] == "4 logs: 3 answered, 1 not"
     assert "gyro_x.mdev(0.1 s)" in found.out
-    assert " - bad.csv: there are no rows of numbers" in found.out
+    assert " - bad.csv: the time column never rises; name another one with --columns" in found.out  # as it is typed
     assert any(line.startswith("wrote out/: overview.html") for line in lines)
     assert [name for name in listing(folder / "out") if "/" not in name] == [
         ".lock", "manifest.json", "overview.html", "results", "summary.csv", "summary.parquet"
@@ -42,4 +42,4 @@ def test_a_fleet_is_answered_and_what_failed_is_told(call, folder, logs):
     assert again.out.splitlines()[0] == "4 logs: 3 answered, 1 not; 4 of them were there already"
     quiet = call("batch", "logs/bad.csv", "--task", "allan", "--out", "out", "--set", "kind=mdev", "--set", "m=[1,10,100]", "--quiet")
     assert (quiet.status, quiet.out) == (1, "")
-    assert quiet.reason.startswith("jaxcal: none of 1 log could be answered; the first: bad.csv: there are no rows")
+    assert quiet.reason.startswith("jaxcal: none of 1 log could be answered; the first: bad.csv: the time column never rises")

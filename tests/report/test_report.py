@@ -138,8 +138,8 @@ def test_verdict_comes_first_and_is_complete(text):
     ]
     assert places == sorted(places)  # verdict, picture, numbers, what to know
     # gyro_x: N = 1e-4 rad/sqrt(s) = 0.34377 deg/sqrt(h), +- 10 %
-    assert "N angle random walk deg/sqrt(h) 0.344 ± 0.034 0.3094 to 0.3782" in page.text
-    assert "K rate random walk deg/h/sqrt(s) < 0.41 < 0.41" in page.text  # 2e-6 rad/s/sqrt(s) = 0.41253 deg/h/sqrt(s)
+    assert "N angle random walk °/√h 0.344 ± 0.034 0.3094 to 0.3782" in page.text
+    assert "K rate random walk °/h/√s < 0.41 < 0.41" in page.text  # 2e-6 rad/s/sqrt(s) = 0.41253 deg/h/sqrt(s)
     assert "0.688 ± 0.069 hint" in page.text
     assert "no_intervals" in page.values("data-code")
 

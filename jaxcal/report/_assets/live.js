@@ -1,4 +1,4 @@
-// The page of a recording in progress: it asks for the state five times a second.
+// The page of a recording in progress: it asks for the state ten times a second.
 (() => {
   "use strict";
   const root = document.querySelector(".sphere"), say = (name, text) => { document.getElementById(name).textContent = text; };
@@ -18,7 +18,7 @@
       root.sphere.say(null);
       root.sphere.draw();
     }
-    if (state.done) ended(); else setTimeout(look, 200);
+    if (state.done) ended(); else setTimeout(look, 100);
   };
   look();
 })();
