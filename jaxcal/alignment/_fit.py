@@ -164,10 +164,10 @@ def _joint(readings: Readings, gravity: Any, o: _Options) -> tuple[AlignmentFit,
         found = _described(solved, table, readings, sizes_of(o.names, gravity, readings.positions), twofold, not unknown, o)
         if traced:
             return found, None, noise, {}
-        each = _spare(solved, table, np.where(np.isfinite(found.covariance), found.covariance, 0))
-        spare = {name: float(free) for name, (free, _) in zip(SENSORS, each, strict=True) if free > _FEWEST}
+        each = np.stack(_spare(solved, table, np.where(np.isfinite(found.covariance), found.covariance, 0)), axis=1).tolist()
+        spare = {name: free for name, (free, _) in zip(SENSORS, each, strict=True) if free > _FEWEST}
         # the noise that the residuals have
-        ratio = {name: max(np.sqrt(square / spare[name]), 1e-6) for name, (_, square) in zip(SENSORS, each, strict=True) if name in spare}
+        ratio = {name: max((each[i][1] / spare[name]) ** 0.5, 1e-6) for i, name in enumerate(SENSORS) if name in spare}
         noise |= {name: Noise(N=noise[name].N * ratio.get(name, 1.0)) for name in unknown}
     estimated = {name: spare[name] for name in unknown if name in spare}
     freedom = _freedom(solved, table, found, estimated)
@@ -181,7 +181,11 @@ def _solved(readings: Readings, gravity: Any, noise: dict[str, Any], o: _Options
     xp, dtype, chosen = array_module(table, o), table.accel.dtype, o.chosen
     places = padded(readings.positions)
     level = _level(noise["gyro"], places, table.measured[1])
-    first, twofold = initial_guess(table, places.dwell, o.values, o.known, chosen, o.hint, level, o.hemisphere)
+    # the solution does not depend on the start of a free parameter, so only fixed parameters keep their derivative
+    still = jax.lax.stop_gradient if xp is jnp else lambda tree: tree
+    data, hint = still((table, places.dwell, o.values)), still((o.hint, level))
+    first, twofold = initial_guess(*data, o.known, chosen, *hint, o.hemisphere)
+    first |= {name: value for name, value in o.values.items() if name not in chosen}
     # shift the prior of an angle by whole turns to be nearest to the start of the fit
     near = {name: first[name] + wrap(centre - first[name]) if name in ANGLES else centre for name, centre in o.mean.items()}
     prior, certainty = (xp.stack([xp.asarray(given.get(name, 0.0), dtype=dtype) for name in o.names]) for given in (near, o.certainty))
@@ -210,9 +214,11 @@ def _described(found: Fit, table: Table, readings: Readings, sizes: Any, twofold
     chi_square = xp.sum(r**2)
     # on the host without SciPy's special functions, which are slow to load
     tail = chi_square_tail if xp is np else lambda square, freedom: jax.scipy.special.gammaincc(freedom / 2, square / 2)
-    p_value = tail(chi_square, xp.maximum(dof, 1))
-    # each sensor alone: errors of the table's angles are often seen by one of them
-    alone = [xp.where(free > _FEWEST, tail(square, xp.maximum(xp.round(free), 1)), 1.0) for free, square in _spare(found, table, finite)]
+    # each sensor alone, too: errors of the table's angles are often seen by one of them
+    spare, square = _spare(found, table, finite)
+    freedom = xp.round(xp.concatenate([xp.asarray(dof, dtype=spare.dtype)[None], spare]))
+    p_value, *each = tail(xp.concatenate([chi_square[None], square]), xp.maximum(freedom, 1))
+    alone = [xp.where(left > _FEWEST, level, 1.0) for left, level in zip(spare, each, strict=True)]
     # the solver's own convergence test fails for noise-free readings, whose residuals are rounding, and along undetermined directions: a
     # fit has converged, too, where the remaining step is a thousandth of the standard error
     gradient = jacobian.T @ r
@@ -249,13 +255,12 @@ def _in_range(xp: Any, values: Any, covariance: Any) -> tuple[Any, Any]:
     return xp.concatenate([xp.stack(angles), values[3:]]), covariance * sign[:, None] * sign[None, :]
 
 
-def _spare(found: Fit, table: Table, covariance: AnyArray) -> list[tuple[Any, Any]]:
-    """Degrees of freedom of each sensor, and the sum of its squared residuals; `covariance` is zero where nothing is determined."""
+def _spare(found: Fit, table: Table, covariance: AnyArray) -> tuple[AnyArray, AnyArray]:
+    """(2,) degrees of freedom of each sensor, and sums of its squared residuals; `covariance` is zero where nothing is determined."""
     xp, n = array_module(found, table), table.accel.size
     left = 1 - xp.einsum("mi,ij,mj->m", found.jacobian, covariance, found.jacobian)
-    parts = [slice(0, n), slice(n, 2 * n)]
-    free = [xp.sum(xp.where(here, left[part], 0.0)) for here, part in zip(table.measured, parts, strict=True)]
-    return [(spare, xp.sum(found.residuals[part] ** 2)) for spare, part in zip(free, parts, strict=True)]
+    here = xp.stack(table.measured)
+    return xp.sum(xp.where(here, left[: 2 * n].reshape(2, n), 0.0), axis=1), xp.sum(found.residuals[: 2 * n].reshape(2, n) ** 2, axis=1)
 
 
 def _freedom(found: Fit, table: Table, fitted: AlignmentFit, estimated: dict[str, float]) -> np.ndarray:

@@ -73,14 +73,17 @@ class Turntable(Model):
     @property
     def earth_rate(self) -> AnyArray:
         """(3,) unit vector of the Earth's rate in table axes, C_TN [cos lat, 0, -sin lat]."""
-        xp, matrix = array_module(self), self.matrix
-        return matrix[:, 0] * xp.cos(self.latitude) - matrix[:, 2] * xp.sin(self.latitude)
+        return self._earth_rate(self.matrix)
+
+    def _earth_rate(self, matrix: AnyArray) -> AnyArray:
+        xp = array_module(self)
+        return matrix @ xp.stack([xp.cos(self.latitude), 0 * self.latitude, -xp.sin(self.latitude)])
 
     def truth(self, positions: Places, *, gravity: Real = GRAVITY, lever_arm: Real = 0.0) -> tuple[AnyArray, AnyArray]:
         """True specific force (n, 3), m/s^2, and angular rate (n, 3), rad/s, along the sensitive and two cross axes; see `measure`."""
-        places = geometry(positions, gravity, lever_arm)
-        earth = EARTH_RATE * self.earth_rate
-        force = places.force + places.coriolis @ earth - places.gravity * places.axes @ self.matrix[:, 2]
+        places, matrix = geometry(positions, gravity, lever_arm), self.matrix
+        earth = EARTH_RATE * self._earth_rate(matrix)
+        force = places.force + places.coriolis @ earth - places.gravity * places.axes @ matrix[:, 2]
         return force, places.rate + places.axes @ earth
 
     def measure(self, positions: Places, *, gravity: Real = GRAVITY, lever_arm: Real = 0.0) -> tuple[AnyArray, AnyArray]:

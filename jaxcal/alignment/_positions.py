@@ -57,12 +57,13 @@ def distance(first: Real, second: Real) -> Any:
 
 def table_from_nav(phi: Real, theta: Real, psi: Real) -> AnyArray:
     """Rotation matrix C_TN = Rx(phi) Ry(theta) Rz(psi), (3, 3), from north, east, down to table axes."""
-    xp = array_module(phi, theta, psi)
-    sf, cf, st, ct, sp, cp = (f(a) for a in (phi, theta, psi) for f in (xp.sin, xp.cos))
-    x = ct * cp, ct * sp, -st
-    y = sf * st * cp - cf * sp, sf * st * sp + cf * cp, sf * ct
-    z = cf * st * cp + sf * sp, cf * st * sp - sf * cp, cf * ct
-    return xp.stack([xp.stack(row) for row in (x, y, z)])
+    return _turn(0, phi) @ _turn(1, theta) @ _turn(2, psi)
+
+
+def _turn(axis: int, angle: Real) -> AnyArray:
+    """Rotation matrix (3, 3) from axes to those turned by an angle about one of them."""
+    xp, along = array_module(angle), np.outer(np.eye(3)[axis], np.eye(3)[axis])
+    return along + xp.cos(angle) * (np.eye(3) - along) - xp.sin(angle) * np.cross(np.eye(3)[axis], np.eye(3)).T
 
 
 class Positions(eqx.Module):

@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import jax
 import numpy as np
 
 from .._errors import DataError
@@ -102,10 +101,7 @@ def initial_guess(
         latitude = given["latitude"]
         psi, tie = _search(xp, phi, theta, latitude, axes, gyro, weight_gyro, column, hint, noise)
         twofold = tie if "psi" in free and "psi" not in known else xp.zeros_like(tie)
-    first = given | {"phi": phi, "theta": theta, "psi": chosen("psi", psi), "latitude": latitude}
-    # the solution does not depend on the start of a free parameter, so only fixed parameters keep their derivative
-    still = lambda values: {n: jax.lax.stop_gradient(v) if xp is not np and n in free else v for n, v in values.items()}  # noqa: E731
-    return still(first), twofold
+    return given | {"phi": phi, "theta": theta, "psi": chosen("psi", psi), "latitude": latitude}, twofold
 
 
 def _vector(axes: AnyArray, reading: AnyArray, weight: AnyArray, offsets: AnyArray) -> tuple[AnyArray, AnyArray]:
