@@ -22,7 +22,7 @@ _OTHER_OPTIONS = {
     "--output": "--out", "-o": "--out", "--outdir": "--out", "--output-dir": "--out", "--save": "--out", "--fs": "--rate",
     "--freq": "--rate", "--frequency": "--rate", "--hz": "--rate", "--sample-rate": "--rate", "--sampling-rate": "--rate",
     "--lat": "--latitude", "--column": "--columns", "--device": "--name",
-    "--overwrite": "--force", "--topic": "--topics", "--html": "--report FILE.html",
+    "--format": "--to", "--tool": "--to", "--overwrite": "--force", "--topic": "--topics", "--html": "--report FILE.html",
     "--png": "--plot FILE.png", "--figure": "--plot FILE.png", "--picture": "--plot FILE.png", "--yaml": "--export kalibr",
     "--kalibr": "--export kalibr", "--csv": "--export csv", "--begin": "--start", "--from": "--start", "--end": "--stop",
     "--until": "--stop", "--silent": "--quiet", "--jobs": "--workers", "-j": "--workers", "--threads": "--workers",
@@ -62,7 +62,7 @@ def advice(error: Any, argv: Sequence[str], options: dict[str, set[str]]) -> str
         kinds = ", ".join(KINDS)
         return f"jaxcal simulate takes what to simulate: {kinds}. For example: {_USAGE['simulate']}"
     if name == "UnknownCommandError" or (command and command not in options):
-        return _unknown_command(command, options)
+        return _unknown_command(command or argv[0].lstrip("-"), argv, options)
     if name == "UnknownOptionError" and command == "export" and (format := format_of(argv)):
         return _not_of_format(_word(error), format)
     if name == "UnknownOptionError" and getattr(error.token, "source", "cli") == "cli":  # not from the file of --config
@@ -94,7 +94,9 @@ def _word(error: Any) -> str:
     return str(getattr(token, "keyword", None) or getattr(token, "value", None) or "").partition("=")[0]
 
 
-def _unknown_command(word: str, options: dict[str, set[str]]) -> str | None:
+def _unknown_command(word: str, argv: Sequence[str], options: dict[str, set[str]]) -> str | None:
+    if word == "help" and argv[-1] in options:
+        return f"there is no command help; use: jaxcal {argv[-1]} --help"
     if Path(word).exists() or _LOG_NAME.search(word):
         return f"{word} is a file, and the first word is the command: jaxcal info {word} says what is in it and which commands suit it"
     if meant := _OTHER_NAMES.get(word.lower().replace("_", "-")):
@@ -155,6 +157,10 @@ def _too_much(words: list[str], command: str, argv: Sequence[str]) -> str | None
         return f"{words[0]} belongs to no option: numbers stand behind the name of an option, as in --rate 100"
     if command == "diff" and len(given) > 2:
         return f"jaxcal diff compares two calibrations, and these are {len(given)}: jaxcal diff {given[0]} {given[1]}"
+    if words and "--columns" in argv:
+        value = argv[argv.index("--columns") + 1]
+        meant = ("" if "=" in value else "gyro=") + ",".join([value, *words])
+        return f"the columns of a quantity stand together, with commas: --columns {meant}"
     if words and words[0] in argv and (before := argv[argv.index(words[0]) - 1]).startswith("--"):
         return f"{before} takes no value here; leave out {words[0]}"
     if words:
@@ -170,6 +176,9 @@ def _not_a_number(error: Any) -> str | None:
         return None
     if re.fullmatch(r"-?\d+,\d+", text):
         return f"{option} {text}: numbers have a decimal point: {option} {text.replace(',', '.')}"
+    if option in ("--start", "--stop") and re.fullmatch(r"\d+:\d\d(:\d\d)?", text):
+        seconds = sum(60**i * int(part) for i, part in enumerate(text.split(":")[::-1]))
+        return f"{option} {text}: give seconds: {option} {seconds}"
     if found := re.fullmatch(r"(-?\d+(?:\.\d+)?)\s*([A-Za-z%°/].*)", text):
         return f"{option} {text}: give the number alone, in the unit of --help, as {found[1]}"
     return f"{option} {text}: expected a {'whole number' if error.target_type is int else 'number'}"
@@ -184,14 +193,15 @@ def example_of(command: str) -> str:
 
 def _missing(error: Any, command: str, argv: Sequence[str]) -> str | None:
     name = str(getattr(getattr(error, "argument", None), "name", "") or "")
-    usage = example_of(command)
+    usage = example_of(f"simulate {argv[1]}" if command == "simulate" else command)
     if name in argv:
         rest = list(argv[argv.index(name) + 1 :])
         if rest and re.fullmatch(r"-?[\d.]+,-?[\d.]+(,-?[\d.]+)*", rest[0]):
             return f"{name} {rest[0]}: the numbers stand apart: {name} {rest[0].replace(',', ' ')}"
         if rest and not rest[0].startswith("-"):
             return f"{name} {rest[0]}: a value is missing; {name} takes more than one"
-        return f"{name} stands without its value; jaxcal {command} --help says what it takes"
+        help = error.argument.parameter.help or f"jaxcal {command} --help says what it takes"
+        return f"{name} stands without its value. {help}"
     if name.startswith("--"):
         return f"jaxcal {command} needs {name}: {usage}"
     if command in LOGS:

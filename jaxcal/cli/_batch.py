@@ -63,7 +63,9 @@ def batch(
     from jaxcal.batch._tasks import check_task, reading_options
 
     if not paths:
-        raise CallError("batch needs logs: files, folders or patterns")
+        raise CallError("batch needs logs, such as a folder: jaxcal batch logs/ --task noise --out fleet")
+    if out.resolve() in [path.resolve() for path in paths]:
+        raise CallError(f"--out {out} is the folder of the logs; the results need one of their own: --out fleet")
     if out.exists() and not out.is_dir():
         raise CallError(f"--out {out}: this is a file; give a folder")
     above = next((folder for folder in (out.absolute(), *out.absolute().parents) if folder.exists()), out)

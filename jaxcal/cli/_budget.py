@@ -64,7 +64,9 @@ def budget(
     errors, limit = opt.amounts("--error", ",".join(error), "gyro.scale=1e-3"), opt.amounts("--require", require or "", "heading=1")
     if set(limit) - set(GROUPS):
         raise opt.CallError(f"--require {require}: expected one of {', '.join(GROUPS)}", "require")
-    opt.must_exist(source, *([] if made else [Path(motion)]))
+    opt.must_exist(source)
+    if not made and not Path(motion).exists():
+        raise opt.CallError(f"--motion {motion}: expected rest, circle (a vehicle), hand, or a log, and there is no such file", "motion")
     files: list[File] = [
         ("report", "report.html", lambda *made: jaxcal.report.write(made[1], made[0], log=made[2], device=source.name, reader="terminal")),
         ("json", "budget.json", save_json),

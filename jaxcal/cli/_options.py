@@ -93,7 +93,11 @@ class Files:
     """Where results go; without any of these options they are only printed. A command adds its own files."""
 
     json: Annotated[Path | None, Parameter(help="Numbers, findings and fields of the result as JSON, in SI units.")] = None
-    report: Annotated[Path | None, Parameter(help="Report as one HTML file.")] = None
+    report: Annotated[
+        Path | None,
+        checked("--report", lambda path: path.suffix.lower() in ("", ".html", ".htm"),
+                "a name that ends in .html; a browser prints it as PDF", "Report as one HTML file."),
+    ] = None  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -316,7 +320,7 @@ def reading_options(options: Source) -> dict[str, Any]:
     try:
         named: dict[str, Any] = {name: parse(",".join(words)) for name, parse in parsers.items() if (words := getattr(options, name))}
     except jaxcal.DataError as error:  # not the data: nothing was read yet
-        raise CallError(f"--{error}", error.code) from error
+        raise CallError(error.spelt("terminal"), error.code) from error
     return named | {name: getattr(options, name) for name in ("format", "rate", "data", "missing")}
 
 

@@ -100,7 +100,7 @@ def check_suited(command: str, log: Any, path: Path) -> None:
     from ..io._suited import unsuited
 
     if wrong := unsuited(command, log, str(path)):
-        raise DataError(Message("{name}: {why}", name=path.name, why=wrong), code="unsuited")
+        raise DataError(Message("{name}: {why}", name=path.name or path, why=wrong), code="unsuited")
 
 
 def _signed(path: Path, log: Any, command: str, reading: Part, options: Mapping[str, Any]) -> Any:

@@ -122,7 +122,7 @@ def pairs(given: Mapping[str, Any] | str | None, option: str) -> dict[str, Any]:
         elif last and option in _LISTS:  # a list: gyro=1,2,3
             found[last] = [*(found[last] if isinstance(found[last], list) else [found[last]]), part.strip()]
         else:
-            raise wrong(option, f"{part!r} in {given!r} is not of the form quantity=value")
+            raise wrong(option, f"{part!r} has no quantity before it; expected such as gyro={part.strip()}")
     return found
 
 

@@ -25,12 +25,34 @@ convert rest.csv                           | needs OUT: jaxcal convert LOG.csv L
 diff device.json                           | needs SECOND: jaxcal diff old.json new.json
 export device.json                         | needs --to: jaxcal export calibration.json --to kalibr
 batch rest.csv                             | needs --out: jaxcal batch logs/ --task noise --out fleet
-simulate noise                             | needs --out
+help noise                                 | use: jaxcal noise --help
+-version                                   | use: jaxcal --version
+simulate imu                               | needs --out: jaxcal simulate imu --out log.csv
+noise rest.csv --out                       | --out stands without its value. Folder for the files
+noise rest.csv --rate                      | --rate stands without its value. jaxcal noise --help says
+noise rest.csv --json -                    | --json stands without its value. Numbers, findings
+noise rest.csv --plot a.bmp                | expected a name that ends in .png, .svg or .pdf
+noise rest.csv --report a.pdf              | expected a name that ends in .html; a browser prints it as PDF
+noise rest.csv --columns gx gy gz          | with commas: --columns gyro=gx,gy,gz
+noise rest.csv --units deg/s               | --units: 'deg/s' has no quantity before it; expected such as gyro=deg/s
+noise rest.csv --start 10:00               | give seconds: --start 600
+noise rest.csv --stop 1h                   | give the number alone, in the unit of --help, as 1
+noise rest.csv --sensor gyro               | jaxcal noise --help lists those it has
+noise rest.csv --name unit7                | --name is an option of jaxcal imu, rate-table, device and apply
+imu poses.csv --gravity 981                | expected 9.76 to 9.84 m/s^2; --latitude gives it
+mag tumble.csv --field 50000               | expected 20 to 70 uT
+mag new.csv --live                         | --live stands without its value. Record LOG
+export device.json --format kalibr         | jaxcal export has no option --format; use --to
+budget device.json --motion car            | expected rest, circle (a vehicle), hand, or a log
+budget device.json --require heading       | expected such as heading=1
+sheet bmi088                               | expected such as 0.3 deg/sqrt(h)
+batch --out fleet                          | jaxcal batch logs/ --task noise --out fleet
+batch two --out two                        | is the folder of the logs; the results need one of their own
+batch rest.csv --task device --out fleet   | Choose from: "noise", "mag", "imu"
 simulate noise --out a.csv                 | give the noise of a sensor, as in --gyro
 rest.csv                                   | is a file, and the first word is the command: jaxcal info rest.csv
 nois rest.csv                              | Did you mean "noise"?
 magnetometer tumble.csv                    | there is no command magnetometer; use: jaxcal mag
-frobnicate rest.csv                        | there is no command frobnicate; the commands are demo, info, noise
 simulate nois                              | takes what to simulate: noise, temperature, imu, mag, device, north
 noise rest.csv tumble.csv                  | To work on each: jaxcal batch rest.csv tumble.csv --task noise --out fleet
 psd rest.csv tumble.csv                    | one after the other: jaxcal psd rest.csv
@@ -67,8 +89,6 @@ noise rest.csv --field 50                  | --field is an option of jaxcal mag,
 noise rest.csv --unit gyro=deg/s           | expected --units gyro=deg/s for a unit of the file
 noise rest.csv --fs 100                    | has no option --fs; use --rate
 noise rest.csv --kalibr                    | use --export kalibr
-noise rest.csv --frobnicate                | jaxcal noise --help lists those it has
-noise rest.csv --rate                      | --rate stands without its value
 noise rest.csv --rate 100Hz                | give the number alone, in the unit of --help, as 100
 noise rest.csv --rate 0,01                 | numbers have a decimal point: --rate 0.01
 imu poses.csv --latitude 39.9N             | --latitude 39.9
@@ -79,7 +99,6 @@ noise rest.csv --band 10 1                 | the shortest first
 noise rest.csv --terms QNX                 | expected letters of QNBKRM
 noise rest.csv --method whittel            | Did you mean "whittle"?
 noise rest.csv --units gyro=furlong/s      | 'furlong/s' is not a unit of gyro
-noise rest.csv --units deg/s               | not of the form quantity=value
 noise rest.csv --format xls                | expected one of csv, npy
 noise rest.csv --export word               | unknown format 'word'; expected one of kalibr
 noise rest.csv --json folder               | folder is a folder; give the name of a file in it
@@ -106,7 +125,6 @@ north table.csv --gyro N=0.01              | N has no unit; use one of deg/sqrt(
 north table.csv --gyro N=0.01deg/h         | 'deg/h' is not a unit of N of a gyro
 north table.csv --prior s_a                | expected NAME=STANDARD_DEVIATION
 north table.csv --angles a,b               | expected numbers with commas between them, such as 0,90,180,270
-batch --out fleet                          | needs logs: files, folders or patterns
 batch nowhere/ --out fleet                 | there are no logs at nowhere
 batch rest.csv --task fly --out fleet      | Choose from: "noise", "mag"
 batch rest.csv --out fleet --set a         | expected NAME=VALUE, such as confidence=0.9
