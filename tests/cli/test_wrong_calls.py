@@ -170,7 +170,6 @@ noise constant.csv                         | equal
 noise wrong_name.npy                       | damaged, or misnamed
 noise pointer.csv                          | git lfs pull
 noise standing.csv                         | standing.csv
-noise missing.csv                          | gyro_x
 noise nothing.csv                          | nothing.csv
 noise nameless.csv                         | --columns
 noise odd_unit.csv                         | gives no known unit of gyro
@@ -288,7 +287,6 @@ def content(folder, rest):
     for name, data in binary.items():
         (folder / name).write_bytes(data)
     change("standing.csv", put(0, 0.0))
-    change("missing.csv", put(1, np.nan))
     change("nothing.csv", put(slice(1, None), np.nan))
     change("constant.csv", put(slice(1, None), [1.0, 2.0, 3.0, 0.0, 0.0, 9.8]))
     change("huge.csv", put(1, 1e300))
