@@ -6,7 +6,8 @@ halves: both halves of static logs of other people, and of their quarters. Ratio
 (rms, share above 2), where the term is present in both halves; the same for the deviation at 1, 10 and 100 s and for the floor.
 plain: case A of records.py (2^17 samples at 100 Hz): rmse, share of 95 % intervals that hold the truth, how often a term is called present;
 then with single terms left out, how often an absent term is called present.
-clean: how often each finding is said of records of the model, where none is needed (cases A to F of efficiency.py).
+clean: how often each finding is said of records of the model, where none is needed (cases A to F of efficiency.py); rmse, also over the
+information bound, coverage and presence of each term.
 disturbed: the same records with a knock, a sensor put down or lifted, a step, a fan, lost samples, stuck readings: shift of N, B and K in
 their own standard errors (median, share below 1), and how often N is present.
 slow: N and B with a slow change of the mean that is no noise: how often K is called present without a finding about a change.
@@ -29,7 +30,7 @@ import scipy.signal
 
 import jaxcal
 
-DEG, RATE, N = np.pi / 180, 100.0, 2**17
+DEG, RATE, N, AT_ONCE = np.pi / 180, 100.0, 2**17, 25
 CASE_A = dict(zip("NBK", (0.25 * DEG / 60, 7.6 * DEG / 3600, 1.8 * DEG / 3600), strict=True))
 TIMES = (1.0, 10.0, 100.0)
 
@@ -58,6 +59,16 @@ def expected_deviation(level, tau):
     x, m = np.pi * np.arange(1, n) / (2 * n), round(tau * RATE)
     # twice sin^4(m x) / (m sin x)^2, averaged over ordinates
     return np.sqrt(np.mean(2 * np.sin(m * x) ** 4 / (m * np.sin(x)) ** 2 * level) * RATE)
+
+
+def fits_of(records):
+    """A fit of each of many records of one length, which are fitted together."""
+    found = []
+    for first in range(0, len(records), AT_ONCE):
+        part = np.stack(records[first : first + AT_ONCE], axis=1)
+        together = jaxcal.noise.fit(part, RATE)
+        found += [together.channel(i) for i in range(part.shape[1])]
+    return found
 
 
 def error_of(fit, term):
@@ -138,8 +149,7 @@ def halves(runs, seed, folder):
 def plain(runs, seed, _):
     level = density(N, **CASE_A)
     errors, held, present = [], [], []
-    for i in range(runs):
-        fit = jaxcal.noise.fit(drawn(level, np.random.default_rng([seed, i])), RATE)
+    for fit in fits_of([drawn(level, np.random.default_rng([seed, i])) for i in range(runs)]):
         errors.append([value_of(fit, term) / CASE_A[term] - 1 for term in "NBK"])
         held.append([fit.interval[term][0] <= CASE_A[term] <= fit.interval[term][1] for term in "NBK"])
         present.append([fit.presence[term] == "present" for term in "NBK"])
@@ -148,8 +158,7 @@ def plain(runs, seed, _):
     print("case A  N, B, K: rmse %, held %, present %:", rmse, *shares, flush=True)
     for left in ("N", "NB", "NK"):
         level, false, hints = density(N, **{term: CASE_A[term] for term in left}), [], []
-        for i in range(runs):
-            fit = jaxcal.noise.fit(drawn(level, np.random.default_rng([seed, 1, i])), RATE)
+        for fit in fits_of([drawn(level, np.random.default_rng([seed, 1, i])) for i in range(runs)]):
             false.append([fit.presence[term] == "present" for term in "QNBK" if term not in left])
             hints.append(any(code in fit.codes for code in CHANGES) if hasattr(fit, "codes") else 0)
         shares = np.round(100 * np.mean(false, axis=0), 1)
@@ -167,8 +176,19 @@ def clean(runs, seed, _):
     print("case", *(f"{code:>9s}" for code in FINDINGS))
     for name, (truth, n) in CLEAN.items():
         level = density(n, **truth)
-        fits = [jaxcal.noise.fit(drawn(level, np.random.default_rng([seed, 7, i])), RATE) for i in range(runs)]
+        fits = fits_of([drawn(level, np.random.default_rng([seed, 7, i])) for i in range(runs)])
         print(f"{name:4s}", *(f"{100 * np.mean([code in fit.codes for fit in fits]):9.0f}" for code in FINDINGS), flush=True)
+        # information on the squared coefficients, all four of which are fitted
+        rows = np.stack([density(n, **{term: 1.0}) / level for term in "QNBK"])
+        scale = np.sqrt(np.sum(rows**2, axis=1))
+        bound = np.sqrt(2.0 * np.diagonal(np.linalg.inv(rows @ rows.T / np.outer(scale, scale)))) / scale
+        for term, own in zip("QNBK", bound, strict=True):
+            if true := truth.get(term, 0.0):
+                relative = np.array([value_of(fit, term) for fit in fits]) / true - 1.0
+                held = np.mean([fit.interval[term][0] <= true <= fit.interval[term][1] for fit in fits])
+                rmse, share = np.sqrt(np.mean(relative**2)), np.mean([fit.presence[term] == "present" for fit in fits])
+                print(f"     {term}  rmse {100 * rmse:6.2f} %, of the bound {rmse * 2.0 * true**2 / own:5.2f}   held {100 * held:4.0f} %"
+                      f"   present {100 * share:4.0f} %", flush=True)  # fmt: skip
 
 
 CHANGES = ("step", "ramp", "warm_up", "sinusoid", "temperature", "instead")
@@ -223,13 +243,13 @@ DISTURBED = {
 
 def disturbed(runs, seed, _):
     level = density(N, **CASE_A)
+    records = [drawn(level, np.random.default_rng([seed, i])) for i in range(runs)]
+    bases = fits_of(records)
     print(f"{'':32s} shift in standard errors, median N, B, K    below 1 %    N present %")
     for name, change in DISTURBED.items():
         shifts, present = [], []
-        for i in range(runs):
-            y = drawn(level, np.random.default_rng([seed, i]))
-            base = jaxcal.noise.fit(y, RATE)
-            fit = jaxcal.noise.fit(change(y.copy(), np.random.default_rng([seed, 2, i])), RATE)
+        changed = [change(y.copy(), np.random.default_rng([seed, 2, i])) for i, y in enumerate(records)]
+        for base, fit in zip(bases, fits_of(changed), strict=True):
             shifts.append([abs(value_of(fit, t) - value_of(base, t)) / max(error_of(base, t), 1e-30) for t in "NBK"])
             present.append(fit.presence["N"] == "present")
         print(f"{name:32s}", *np.round(np.median(shifts, axis=0), 2), "   ", *np.round(100 * np.mean(np.array(shifts) < 1, axis=0)),
@@ -262,9 +282,8 @@ def slow(runs, seed, _):
     level = density(N, N=CASE_A["N"], B=CASE_A["B"])
     for name, make in SLOW.items():
         present = silent = 0
-        for i in range(runs):
-            rng = np.random.default_rng([seed, 3, i])
-            fit = jaxcal.noise.fit(drawn(level, rng) + make(T, rng), RATE)
+        sources = [np.random.default_rng([seed, 3, i]) for i in range(runs)]
+        for fit in fits_of([drawn(level, rng) + make(T, rng) for rng in sources]):
             present += fit.presence["K"] == "present"
             silent += fit.presence["K"] == "present" and not any(code in fit.codes for code in CHANGES)
         print(f"{name:40s} K present {100 * present / runs:3.0f} %   without a finding {100 * silent / runs:3.0f} %", flush=True)
@@ -288,9 +307,8 @@ def lines(runs, seed, _):
     level = density(N, N=CASE_A["N"], B=CASE_A["B"])
     for name, make in LINES.items():
         held = {"N": 0, "B": 0}
-        for i in range(runs):
-            rng = np.random.default_rng([seed, 4, i])
-            fit = jaxcal.noise.fit(make(drawn(level, rng), rng), RATE)
+        sources = [np.random.default_rng([seed, 4, i]) for i in range(runs)]
+        for fit in fits_of([make(drawn(level, rng), rng) for rng in sources]):
             truth = dict(CASE_A)
             if "level" in name:  # what the record holds on average over the law of the level
                 truth["N"] *= np.exp(0.3**2)
@@ -317,8 +335,7 @@ def spectra(runs, seed, _):
     for name, shape in SPECTRA.items():
         level, rows, present = density(N, N=1.0, **shape), [], []
         truth = [expected_deviation(level, tau) for tau in TIMES]
-        for i in range(runs):
-            fit = jaxcal.noise.fit(drawn(level, np.random.default_rng([seed, 5, i])), RATE)
+        for fit in fits_of([drawn(level, np.random.default_rng([seed, 5, i])) for i in range(runs)]):
             row = [fit.interval["N"][0] <= 1.0 <= fit.interval["N"][1]]
             for tau, sigma in zip(TIMES, truth, strict=True):
                 at, _, low, high = measured(fit, tau)
@@ -342,7 +359,13 @@ def speed(runs, seed, _):
             jaxcal.noise.fit(y, RATE)
             spent.append((time.process_time() - start[0], time.perf_counter() - start[1]))
         cpu, wall = 1e3 * np.median(spent, axis=0)
-        print(f"{n} samples: {cpu:.0f} ms of CPU, {wall:.0f} ms", flush=True)
+        print(f"{n} samples: {cpu:.1f} ms of CPU, {wall:.1f} ms", flush=True)
+    many = np.stack([drawn(density(N, **CASE_A), np.random.default_rng([seed, 6, i])) for i in range(64)], axis=1)
+    jaxcal.noise.fit(many, RATE)
+    start = time.process_time(), time.perf_counter()
+    jaxcal.noise.fit(many, RATE)
+    spent = [1e3 * (now - then) / 64 for now, then in zip((time.process_time(), time.perf_counter()), start, strict=True)]
+    print(f"64 records of {N} samples in one call: {spent[0]:.1f} ms of CPU a record, {spent[1]:.1f} ms", flush=True)
 
 
 if __name__ == "__main__":

@@ -308,7 +308,7 @@ class Log(eqx.Module):
         sensors = str(self.provenance.get("quantity", sensors))  # such as fractional frequencies of a clock
         lost = 100 * sum(gap.samples for gap in self.gaps) / len(self.time)
         said = [one.facts for one in self.findings if one.code == "set_aside"]
-        aside = "".join(f" ({min(facts['percent'], 99):.2g} % set aside: {facts['what']})" for facts in said)
+        aside = "".join(f" ({facts['percent']:.2g} % set aside: {facts['what']})" for facts in said)
         untimed = {"no_clock", "no_times"} & set(self.codes)
         clock = f"{len(self.time)} readings without a clock" if untimed else f"{self.rate:.6g} Hz, {span(self.duration)}"
         return f"{sensors}, {clock}" + (f", {lost:.2g} % missing" if self.gaps else "") + aside

@@ -33,7 +33,8 @@ LOG = table(
     warm_up=Kind(NOTE, "The mean of the first {length:g} s is off the rest by {size:.3g} (warm-up?).",
                  "log.select({length:g}, None) leaves them out.", terminal="{option.start:{length:g}} leaves them out."),
     set_aside=Kind(NOTE, "{seconds:.3g} s ({percent:.2g} %) are set aside: {what}.",
-                   "{option.keep} keeps them.", terminal="{option.keep:all} keeps them."),
+                   "{option.keep} keeps them.", terminal="{option.keep:all} keeps them.",
+                   limits=(0.0, 0.2)),  # a log of which a fifth is set aside is hardly one of a sensor at rest
     # about results from the log, if the intervals of the best known values are more than twice as wide for it
     uneven=Kind(CAUTION, "The noise is uneven in time, largest between {start:.6g} and {stop:.6g} s; intervals are up to {factor:.2g} "
                 "times as wide for it.", "Look there for a knock or a draught.", limits=(2.0,)),

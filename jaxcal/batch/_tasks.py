@@ -15,6 +15,7 @@ from .._errors import DataError, UnitError
 from .._files import version_of
 from .._log import Log
 from .._message import Message
+from ..evidence._findings import unrest
 from ..evidence._values import at_own_rate
 from ..io._suited import unsuited
 from ._findings import FINDINGS
@@ -46,7 +47,7 @@ def deviations(log: Log, name: str = "", **options: Any) -> Results[Any]:
             found |= {f"{name or sensor}_{'xyz'[axis]}": result.channel(axis) for axis in range(result.deviation.shape[1])}
     if not found:
         raise no_sensor()
-    return Deviations(found)
+    return Deviations(found, unrest(log))
 
 
 #: name of a task -> the function whose options it takes, and what is called with the log: a function, or the place of one

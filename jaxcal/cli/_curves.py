@@ -111,6 +111,7 @@ def psd(
 
         from .._arrays import longest_run
         from ..batch._tasks import no_sensor
+        from ..evidence._findings import unrest
         from ..evidence._values import at_own_rate
 
         found, refused = {}, []
@@ -129,7 +130,7 @@ def psd(
                     refused.append(_from_the_start(error.args[0], recording).of(channel))
         if not found:
             raise jaxcal.DataError(joined(refused)[0], code=refused[0].code) if refused else no_sensor()
-        return jaxcal.spectrum.Spectra(found, refused)
+        return jaxcal.spectrum.Spectra(found, [*refused, *unrest(recording)])
 
     plan = _outputs(log, writing, "psd", ("frequency", "count", "density", "lower", "upper", "edf"), "frequency_hz")
     carry_out(log, reading, running, plan, compute, doing="computing", command="psd", options=options).end()

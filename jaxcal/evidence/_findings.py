@@ -1,10 +1,11 @@
 """What a log says about the values of a sensor, as findings."""
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
-from .._answer import Finding, Quantity
+from .._answer import NOTE, Finding, Quantity
 from .._log_findings import LOG
 from .._units import si_unit_of
 from ._stretch import NOT_STILL, Stretch
@@ -47,7 +48,18 @@ def said_of(stretches: Iterable[Stretch], samples: int, rate: float) -> list[Fin
         return []
     seconds = sum(stop - start for start, stop in aside)
     what = f"something moved at {_times(aside, ', and {} times more')}"
-    return [LOG("set_aside", seconds=seconds, percent=100 * seconds * rate / samples, what=what)]
+    share = seconds * rate / samples
+    return LOG.over("set_aside", share, seconds=seconds, percent=percent(share), what=what)
+
+
+def percent(share: float) -> float:
+    """A share of a log in per cent, for two digits: not all of a log that gives an answer is set aside or missing."""
+    return min(100.0 * share, 99.0)
+
+
+def unrest(log: Any) -> list[Finding]:
+    """The finding on what was set aside, if so much was that the rest is hardly rest either: a result at rest is weak for it."""
+    return [one for one in said_of(log.evidence, len(log.time), log.rate) if one.severity > NOTE]
 
 
 def joined_times(stretches: Iterable[Stretch]) -> list[tuple[float, float]]:

@@ -122,7 +122,7 @@ def unwrapped(sensor: str, values: np.ndarray, rate: float, unit: str) -> tuple[
     """
     found = []
     for axis, column in enumerate(values.T):
-        step = _common_step(_nearby(np.abs(np.diff(column[:SAMPLE]))))
+        step = common_step(_nearby(np.abs(np.diff(column[:SAMPLE]))))
         if not step or np.fmax.reduce(column) - np.fmin.reduce(column) < 0.5 * step * WRAPS[0]:
             continue
         there = np.flatnonzero(np.isfinite(column))
@@ -320,7 +320,7 @@ def resolution(column: np.ndarray) -> float:
     >>> resolution(y), round(resolution(0.25 * np.round(4 * y)), 3)
     (0.0, 0.25)
     """
-    return _common_step(np.abs(np.diff(first_known(column))))
+    return common_step(np.abs(np.diff(first_known(column))))
 
 
 def first_known(column: np.ndarray) -> np.ndarray:
@@ -335,7 +335,7 @@ def _nearby(steps: np.ndarray) -> np.ndarray:
     return steps[steps < _DIGITS * steps.min(initial=np.inf)]
 
 
-def _common_step(steps: np.ndarray) -> float:
+def common_step(steps: np.ndarray) -> float:
     """The step of which all are whole multiples, or 0."""
     steps = steps[steps > 0]
     if len(steps) < FEW:

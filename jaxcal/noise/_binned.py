@@ -142,7 +142,7 @@ def log_likelihood(y: Samples, rate: Numbers) -> LogLikelihood:
         bins = bins_of(record, dt, terms)
     else:
         observed = Observed(record, dt)
-        bins = observed.bins(terms) if observed.complete else solve(observed, terms, None).bins
+        bins = observed.bins(terms) if observed.complete else solve([observed], terms, None).bins.of(0)
     columns = {term: bins.columns[:, i] for i, term in enumerate(_TERMS)}
     return LogLikelihood(bins.frequency, bins.density * bins.unit, bins.weight, columns, np.zeros_like(bins.frequency), dt)
 

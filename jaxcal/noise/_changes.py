@@ -39,7 +39,7 @@ _BLOCKS, _ORDINATES, _ROUNDS, _MOST, _HALVINGS = 1024, 256, 2, 3, 3
 #: temperature; cycles of a sinusoid in the record
 _STARTS = np.arange(96) / 96
 _TIMES = np.array([0.0, *2.0 ** np.arange(-7, 1), np.inf])
-_LAGS, _CYCLES = (0.0, 0.003, 0.01, 0.03, 0.1), np.arange(0.5, 10.01, 0.25)
+_LAGS, _CYCLES = np.array([0.0, 0.003, 0.01, 0.03, 0.1]), np.arange(0.5, 10.01, 0.25)
 #: likelihood ratio for one axis that one in 300 records of noise alone reaches in the search of a family; a shift has a known place, and
 #: 2.6 standard errors suffice. By how much less a change without K must be better than K to be named "beside" K: of records of 22 minutes,
 #: K alone reaches it in 30 %, and one event in twenty-five does not; the exact Bayes factor does little better (`benchmarks/real_noise.py`)
@@ -70,16 +70,15 @@ class Changes(NamedTuple):
         return tuple(one for one, share in zip(self.fitted, self.shares, strict=True) if share > 0.5)
 
 
-class Axis(NamedTuple):
-    """One axis for the search: record without gaps, expected first ordinates per squared coefficient (ordinates, p), the coefficients,
-    which of them are fitted again, and which of these is K.
+class Sensor(NamedTuple):
+    """A sensor for the search: the records (n,) of its axes without gaps, and their coefficients, (axes, p); times in s at which it may
+    have moved, so that any shift of the mean is one; its temperature at the samples, without NaN, or None.
     """
 
-    record: AnyArray
-    columns: AnyArray
+    records: Sequence[AnyArray]
     theta: AnyArray
-    slow: AnyArray
-    walk: AnyArray
+    joints: Sequence[float] = ()
+    temperature: AnyArray | None = None
 
 
 class _Low(NamedTuple):
@@ -196,73 +195,93 @@ def lowest_of(n: int, dt: float, columns: tuple[Term, ...]) -> AnyArray:
     return np.stack([term.ordinates(k, n, dt) for term in columns], axis=1)
 
 
-def find_changes(
-    axes: Sequence[Axis], dt: float, joints: Sequence[float] = (), temperature: AnyArray | None = None
-) -> Changes:  # fmt: skip
-    """The changes of the mean that explain the records of a sensor better than slow noise alone does.
+def find_changes(sensors: Sequence[Sensor], columns: AnyArray, slow: AnyArray, walk: AnyArray, dt: float) -> list[Changes]:
+    """The changes of the mean that explain the records of each sensor better than slow noise alone does; all have equally many axes.
 
-    `joints` are times in s at which the sensor may have moved, so that any shift of the mean is one. `temperature`, (n,), is that at the
-    samples, without NaN.
+    `columns`, (ordinates, p), are the expected first ordinates per squared coefficient, of which the `slow` ones are fitted again, and of
+    these the `walk` is K.
     """
-    n, most = len(axes[0].record), min(len(axis.columns) for axis in axes)
-    (low, size), shapes = _low(n, most, dt), dict(_shapes(n, most, dt))
-    if temperature is not None:
-        means = _means(temperature, low, size)
-        lags = [lag * n * dt for lag in _LAGS]
-        listed = [Change("temperature", 0.0, lag, functools.partial(_lagged, low.times, means - means.mean(), lag)) for lag in lags]
-        shapes["temperature"] = low.family(listed)
-    kept, slow, walk = len(low.factor), axes[0].slow, axes[0].walk  # the axes have the same columns
-    records = np.array([low.transform(_means(axis.record, low, size)) for axis in axes])
-    bases = np.array([axis.columns[:kept, ~slow] @ axis.theta[~slow] for axis in axes])
-    columns = axes[0].columns[:kept, slow]
-    if not np.all(bases > 0.0):
-        return Changes()
-    levels = {family: _level(family, len(axes)) for family in shapes}
-    found: list[tuple[Change, float]] = []  # with their shares
-    held = np.zeros((kept, 0))
-    refitted = functools.partial(_refitted, records, columns, bases)
-    (fitted,), (cost,) = refitted([held], np.array([axis.theta[slow] for axis in axes]))
-    if shifts := [_event(at, 0.0)._replace(family="shift") for at in joints if 0.0 < at < n * dt]:
-        _, x, products = low.family(shifts)
-        ratios = _ratios(records, bases + fitted @ columns.T, x, products)
-        shares = _shares(ratios - _level("shift", len(axes), len(shifts)))
-        found = [(shifts[i], float(shares[i])) for i in np.flatnonzero(shares > _FAINT)]
-        held = x[:, shares > 0.5, 0]
-        (fitted,), (cost,) = refitted([held], fitted)
-    instead: tuple[float, Change | None] = -_LEVELS["beside"], None
-    while sum(one.family != "shift" for one, _ in found) < _MOST:
-        tried: list[tuple[str, Change, AnyArray]] = []
-        walks = bool(np.any(fitted[:, walk] > 0.0))
-        both = np.stack([bases + fitted @ columns.T, bases])
-        rests = _residuals(records, held, both)
-        for family, (listed, x, products) in shapes.items():
-            for density, rest, ratios in zip(both, rests, _ratios(rests, both, x, products), strict=True):
-                best = int(np.argmax(ratios))
-                if ratios[best] > levels[family] - _LEVELS["beside"]:
-                    change, ordinates = listed[best], x[:, best]
-                    if family in ("event", "edge"):
-                        change, ordinates = _sharpened(change, ordinates, low, rest, density)
-                    tried.append((family, change, ordinates))
+    n = len(sensors[0].records[0])
+    (low, size), shapes = _low(n, len(columns), dt), _shapes(n, len(columns), dt)
+    kept, theta = len(low.factor), np.array([one.theta for one in sensors])
+    records = low.transform(np.array([[_means(x, low, size) for x in one.records] for one in sensors]).T).T
+    bases, columns, axes = theta[..., ~slow] @ columns[:kept, ~slow].T, columns[:kept, slow], records.shape[1]
+    warm = {i: _warmth(_means(one.temperature, low, size), low, n * dt) for i, one in enumerate(sensors) if one.temperature is not None}
+    levels = {family: _level(family, axes) for family in (*shapes, "temperature")}
+    found: list[list[tuple[Change, float]]] = [[] for _ in sensors]  # with their shares
+    held, none = [np.zeros((kept, 0)) for _ in sensors], (-_LEVELS["beside"], None)
+    instead: list[tuple[float, Change | None]] = [none for _ in sensors]
+    on = np.flatnonzero(np.all(bases > 0.0, axis=(1, 2)))
+    fitted, cost = theta[..., slow], np.zeros(len(sensors))
+
+    def refit(places: AnyArray) -> None:
+        fitted[places], cost[places] = _refitted(records[places], columns, bases[places], [held[i] for i in places], fitted[places])
+
+    if len(on):
+        refit(on)
+    for i in on:
+        if shifts := [_event(at, 0.0)._replace(family="shift") for at in sensors[i].joints if 0.0 < at < n * dt]:
+            _, x, products = low.family(shifts)
+            ratios = _ratios(records[i], bases[i] + fitted[i] @ columns.T, x, products)
+            shares = _shares(ratios - _level("shift", axes, len(shifts)))
+            found[i] = [(shifts[k], float(shares[k])) for k in np.flatnonzero(shares > _FAINT)]
+            held[i] = x[:, shares > 0.5, 0]
+            refit(np.array([i]))
+    while len(on):
+        both = np.stack([bases[on] + fitted[on] @ columns.T, bases[on]], axis=1)
+        rests = _residuals(records[on, None], _padded([held[i] for i in on])[:, None], both)
+        families = [(slice(None), *one) for one in shapes.items()]
+        families += [(slice(k, k + 1), "temperature", warm[i]) for k, i in enumerate(on) if i in warm]
+        tried = _candidates(rests, both, families, levels, low)
         if not tried:
             break
-        designs = [np.column_stack([held, x]) for _, _, x in tried]
-        beyond = np.array([levels[family] for family, *_ in tried])
-        # once with K, once without
-        several = [*designs, *designs, held] if walks else designs
-        without = walk & (np.arange(len(several)) >= len(designs))[:, None, None] & np.ones_like(fitted, dtype=bool)
-        thetas, costs = refitted(several, np.where(without, 0.0, fitted), without)
-        if walks:
-            gains = cost - costs[len(designs) : -1] - beyond - _EVIDENT * (costs[-1] - cost)
-            instead = max(instead, (float(np.max(gains)), tried[int(np.argmax(gains))][1]), key=lambda one: one[0])
-            costs = costs[: len(designs)]
-        best = int(np.argmax(cost - costs - beyond))
-        if (share := float(_shares(cost - costs[best] - beyond[best]))) > _FAINT:
-            found.append((_at_its_instant(tried[best][1], axes, dt, size), share))
-        if share <= 0.5:
-            break
-        held, fitted, cost, instead = designs[best], thetas[best], costs[best], (-_LEVELS["beside"], None)
-    fitted, shares = zip(*found, strict=True) if found else ((), ())
-    return Changes(fitted, shares, instead[1])
+        # each with K and without, and no change without K
+        places = on[np.array([place for place, *_ in tried])]
+        designs = [np.column_stack([held[i], x]) for i, (*_, x) in zip(places, tried, strict=True)]
+        every, several = np.concatenate([places, places, on]), [*designs, *designs, *(held[i] for i in on)]
+        without = np.broadcast_to(walk & (np.arange(len(every)) >= len(places))[:, None, None], fitted[every].shape)
+        thetas, costs = _refitted(records[every], columns, bases[every], several, np.where(without, 0.0, fitted[every]), without)
+        mine, others, alone = np.split(costs, [len(places), 2 * len(places)])
+        before = cost[places] - [levels[one[1]] for one in tried]
+        gains, others = before - mine, before - others
+        others -= _EVIDENT * (alone - cost[on])[np.searchsorted(on, places)]
+        going = []
+        for i in np.unique(places).tolist():
+            own = np.flatnonzero(places == i)
+            best, other = int(own[np.argmax(gains[own])]), int(own[np.argmax(others[own])])
+            if np.any(fitted[i][:, walk] > 0.0):
+                instead[i] = max(instead[i], (float(others[other]), tried[other][2]), key=lambda one: one[0])
+            if (share := float(_shares(gains[best]))) > _FAINT:
+                found[i].append((_at_its_instant(tried[best][2], sensors[i].records, dt, size), share))
+            if share > 0.5:
+                held[i], fitted[i], cost[i], instead[i] = designs[best], thetas[best], costs[best], none
+                going += [i] if sum(one.family != "shift" for one, _ in found[i]) < _MOST else []
+        on = np.array(going, dtype=int)
+    parts = [tuple(zip(*one, strict=True)) if one else ((), ()) for one in found]
+    return [Changes(*one, other[1]) for one, other in zip(parts, instead, strict=True)]
+
+
+def _warmth(means: AnyArray, low: _Low, duration: float) -> tuple[list[Change], AnyArray, AnyArray]:
+    """The family of changes that follow a temperature."""
+    course = functools.partial(_lagged, low.times, means - means.mean())
+    return low.family([Change("temperature", 0.0, lag, functools.partial(course, lag)) for lag in (duration * _LAGS).tolist()])
+
+
+def _candidates(rests, both, families, levels, low: _Low) -> list[tuple[int, str, Change, AnyArray]]:
+    """(place of the sensor, family, change, its ordinates) of the best shape of each of the `families`, which belong to a part of the
+    sensors, under each density, (sensors, densities, axes, ordinates), if it could reach its level.
+    """
+    tried: list[Any] = []
+    for part, family, (listed, x, products) in families:
+        ratios = _ratios(rests[part], both[part], x, products)
+        best = np.argmax(ratios, axis=-1)
+        for i, j in zip(*np.nonzero(np.max(ratios, axis=-1) > levels[family] - _LEVELS["beside"]), strict=True):
+            place, density = i + (part.start or 0), int(j)
+            change, ordinates = listed[best[i, j]], x[:, best[i, j]]
+            if family in ("event", "edge"):
+                change, ordinates = _sharpened(change, ordinates, low, rests[place, density], both[place, density])
+            tried.append((place, family, change, ordinates))
+    return tried
 
 
 def _shares(beyond: Any) -> Any:
@@ -270,12 +289,12 @@ def _shares(beyond: Any) -> Any:
     return scipy.special.expit(0.5 * np.asarray(beyond))
 
 
-def _at_its_instant(change: Change, axes: Sequence[Axis], dt: float, size: int) -> Change:
+def _at_its_instant(change: Change, records: Sequence[AnyArray], dt: float, size: int) -> Change:
     """A step, at the sample between which and the next the means of the records beside it differ most."""
     if change.family != "step" or change.time:
         return change
     first = max(round(change.start / dt) - 2 * size, 0)
-    near = np.stack([axis.record[first : first + 4 * size] for axis in axes])
+    near = np.stack([record[first : first + 4 * size] for record in records])
     count = np.arange(1, near.shape[1])
     rise = np.cumsum(near - near.mean(axis=1, keepdims=True), axis=1)[:, :-1]
     spread = np.maximum(np.var(near, axis=1, keepdims=True), np.finfo(float).tiny)  # an axis may be constant here
@@ -283,37 +302,41 @@ def _at_its_instant(change: Change, axes: Sequence[Axis], dt: float, size: int) 
     return _event((first + best + 0.5) * dt, 0.0)
 
 
+def _padded(designs: Sequence[AnyArray]) -> AnyArray:
+    """Designs (ordinates, columns) in one table, with columns of zeros where they have fewer."""
+    most = max(design.shape[1] for design in designs)
+    return np.stack([np.pad(one, ((0, 0), (0, most - one.shape[1]))) for one in designs])
+
+
 def _residuals(records: AnyArray, held: AnyArray, densities: AnyArray) -> AnyArray:
-    """The records (axes, ordinates) less their regression on the columns in `held`, (..., ordinates, columns), weighted by densities."""
+    """The records (..., axes, ordinates) less their regression on the columns `held`, (..., ordinates, columns), weighted by densities."""
     if not held.shape[-1]:
         return np.broadcast_to(records, densities.shape)
     x = held[..., None, :, :] / np.sqrt(densities)[..., None]
     x = x / np.maximum(np.sqrt(np.sum(x**2, axis=-2, keepdims=True)), np.finfo(float).tiny)
     white, turned = (records / np.sqrt(densities))[..., None], np.swapaxes(x, -1, -2)
-    back = np.linalg.pinv(turned @ x, rcond=x.shape[-2] * np.finfo(float).eps, hermitian=True)
-    return np.sqrt(densities) * (white - x @ (back @ (turned @ white)))[..., 0]
+    # columns of zeros, and equal ones, have no inverse
+    back = np.linalg.solve(turned @ x + x.shape[-2] * np.finfo(float).eps * np.eye(x.shape[-1]), turned @ white)
+    return np.sqrt(densities) * (white - x @ back)[..., 0]
 
 
 def _refitted(records, columns, bases, designs, begun, held: Any = False) -> tuple[AnyArray, AnyArray]:
-    """Slow coefficients of each axis beside the columns of each design, (designs, axes, p), and -2 log likelihood of all axes.
-
-    `begun` are those of a last fit, (axes, p) or of each design, of which some are `held`.
+    """Slow coefficients beside the columns of each design, (designs, axes, p), of records (designs, axes, ordinates), and -2 log likelihood
+    of all axes. `begun` are those of a last fit, of which some are `held`.
     """
     starts, count = log_groups(len(columns), keep_tail=True)
-    count, shape = count.astype(float), (len(designs), len(records))
+    count = count.astype(float)
 
     def means(values):
         return np.add.reduceat(values, starts, axis=-1) / count
 
-    columns_of, levels = means(columns.T).T, np.broadcast_to(means(bases), (*shape, len(count)))
-    theta, target = np.broadcast_to(begun, (*shape, columns.shape[1])), levels
-    most = max(design.shape[1] for design in designs)
-    padded = np.stack([np.hstack([one, np.zeros((len(one), most - one.shape[1]))]) for one in designs])
-    for _ in range(_ROUNDS if most else 1):
+    columns_of, levels, theta = means(columns.T).T, means(bases), begun
+    padded = _padded(designs)
+    for _ in range(_ROUNDS if padded.shape[-1] else 1):
         target = means(_residuals(records, padded, bases + theta @ columns.T) ** 2)
         if columns.shape[1]:
             searches = (target, theta, levels, np.broadcast_to(held, theta.shape))
-            goal, start, own, stays = (np.reshape(values, (len(designs) * len(records), -1)) for values in searches)
+            goal, start, own, stays = (values.reshape(-1, values.shape[-1]) for values in searches)
             theta = scoring(columns_of, goal, count, start, own, stays)[0].reshape(theta.shape)
     s = levels + theta @ columns_of.T
     return theta, np.sum(count * (np.log(s) + target / s), axis=(1, 2))

@@ -14,7 +14,7 @@ from .._quality import checked_rate, checked_record, refuse_infinite
 from .._types import AnyArray, Numbers, Samples
 from ._likelihood import scoring
 from ._observed import Observed
-from ._solve import FILTER, Fitted, solve
+from ._solve import FILTER, Solved, solve
 from ._terms import BUILT_IN, GaussMarkov, PowerLaw, Term
 
 _EXPONENTS = np.arange(0.3, 1.96, 0.1)
@@ -113,15 +113,15 @@ def compare(y: Samples, rate: Numbers, *, rivals: Sequence[str] = tuple(_RIVALS)
         raise DataError(f"y must be (n,), one channel; got shape {record.shape}")
     refuse_infinite(record, "y")
     dt = 1.0 / rate
-    solved = solve(Observed(record, dt), tuple(BUILT_IN[term] for term in "QNBK"), None)
-    fitted, names, duration = solved.fitted, solved.names, len(record) * dt
+    solved = solve([Observed(record, dt)], tuple(BUILT_IN[term] for term in "QNBK"), None)
+    names, duration = solved.names, len(record) * dt
     base = np.array([name in ("Q", "N", FILTER) for name in names])
-    _, white = _fitted(fitted, base, (), dt)
+    _, white = _fitted(solved, base, (), dt)
     found = []
     for name in rivals:
-        terms = _likeliest(fitted, base, name, dt, duration)
-        theta, cost = _fitted(fitted, base, terms, dt)
-        squares, end = theta * float(solved.bins.unit), 10.0 * duration
+        terms = _likeliest(solved, base, name, dt, duration)
+        theta, cost = _fitted(solved, base, terms, dt)
+        squares, end = theta * float(solved.bins.unit[0]), 10.0 * duration
         later = float(squares[names.index("N")]) / end  # Q and N are the first columns
         later += sum(float(value) * float(term.avar(end)) for value, term in zip(squares[base.sum() :], terms, strict=True))
         times = [f"{term.time:.2g}" for term in terms if isinstance(term, GaussMarkov)]
@@ -135,23 +135,24 @@ def compare(y: Samples, rate: Numbers, *, rivals: Sequence[str] = tuple(_RIVALS)
     return Comparison(listed, np.array(gains), counts, shapes, np.array(later))
 
 
-def _fitted(fitted: Fitted, base: AnyArray, terms: Sequence[Term], dt: float) -> tuple[AnyArray, float]:
-    """Coefficients and cost of a fit of the base terms with others."""
-    bins = fitted.bins
-    own = [bins.columns[:, base], *(np.asarray(term.psd(bins.frequency, dt))[:, None] for term in terms)]
-    level = np.median(bins.density[bins.weight > 0])
-    start = [fitted.theta[base], *(np.atleast_1d(level / np.median(one)) for one in own[1:])]
-    return scoring(np.concatenate(own, axis=1), bins.density, bins.weight, np.concatenate(start))
+def _fitted(solved: Solved, base: AnyArray, terms: Sequence[Term], dt: float) -> tuple[AnyArray, float]:
+    """Coefficients and cost of a fit of the base terms with others, of one channel."""
+    bins = solved.bins
+    density, weight = bins.density[0], solved.weight[0]
+    own = [bins.columns[:, base] * solved.among[0, base], *(np.asarray(term.psd(bins.frequency, dt))[:, None] for term in terms)]
+    level = np.median(density[weight > 0])
+    start = [solved.theta[0, base], *(np.atleast_1d(level / np.median(one)) for one in own[1:])]
+    return scoring(np.concatenate(own, axis=1), density, weight, np.concatenate(start))
 
 
-def _likeliest(fitted: Fitted, base: AnyArray, name: str, dt: float, duration: float) -> tuple[Term, ...]:
+def _likeliest(solved: Solved, base: AnyArray, name: str, dt: float, duration: float) -> tuple[Term, ...]:
     """The terms of a rival, with the likeliest exponent or correlation times."""
     letters, processes = _RIVALS[name], _RIVALS[name].count("M")
     held = tuple(BUILT_IN[letter] for letter in letters if letter in BUILT_IN)
     if "P" in letters:
         candidates = [(PowerLaw(exponent=float(value)),) for value in _EXPONENTS]
-        return min(candidates, key=lambda terms: _fitted(fitted, base, terms, dt)[1])
-    times = _best_times(lambda times: _fitted(fitted, base, (*held, *_processes(times)), dt)[1], processes, dt, duration)
+        return min(candidates, key=lambda terms: _fitted(solved, base, terms, dt)[1])
+    times = _best_times(lambda times: _fitted(solved, base, (*held, *_processes(times)), dt)[1], processes, dt, duration)
     return (*held, *_processes(times))
 
 
@@ -171,7 +172,7 @@ def _best_times(cost_of: Any, processes: int, dt: float, duration: float) -> tup
     return best
 
 
-def likeliest_time(fitted: Fitted, dt: float, duration: float) -> float:
-    """Correlation time in s at which a Gauss-Markov process beside the fitted terms has the highest likelihood."""
-    whole = np.ones(len(fitted.theta), dtype=bool)
-    return _best_times(lambda times: _fitted(fitted, whole, _processes(times), dt)[1], 1, dt, duration)[0]
+def likeliest_time(solved: Solved, dt: float, duration: float) -> float:
+    """Correlation time in s at which a Gauss-Markov process beside the fitted terms of one channel has the highest likelihood."""
+    whole = np.ones(len(solved.names), dtype=bool)
+    return _best_times(lambda times: _fitted(solved, whole, _processes(times), dt)[1], 1, dt, duration)[0]

@@ -9,15 +9,14 @@ from typing import Any
 import numpy as np
 
 from .._answer import CAUTION, NOTE, Finding, Kind, Quantity, table
+from .._log_findings import LOG
 from ._changes import Change, Changes
-from ._errors import Widening
-from ._rival import Rival
 
 FINDINGS = table(
     # about the samples
     set_aside=Kind(
         NOTE, "Not at rest for {length:.3g} s ({share:.2g} %), from {first:.4g} s on: knocks, movement, stuck readings, left out.",
-        limits=(0.0, 0.2),  # a log of which a fifth is set aside is hardly one of a sensor at rest
+        limits=LOG["set_aside"].limits,
     ),
     coarse=Kind(
         CAUTION, "Readings come in steps of {step:.3g}, over twice the noise: no coefficient is reliable.",
@@ -111,18 +110,18 @@ def of_changes(changes: Changes, factors: Any, covariance: Any, unit: str, durat
     return found
 
 
-def of_doubts(doubts: Sequence[str], rival: Rival, instead: Change | None) -> list[Finding]:
-    """Why terms are hints at most, and what a present K may be instead."""
+def of_doubts(doubts: Sequence[str], apart: float, instead: Change | None) -> list[Finding]:
+    """Why terms are hints at most, by which rms logarithm the spectrum is `apart` from theirs, and what a present K may be instead."""
     if doubts:
-        return [FINDINGS("rival", terms=" and ".join(doubts), factor=float(np.exp(rival.apart)))]
+        return [FINDINGS("rival", terms=" and ".join(doubts), factor=float(np.exp(apart)))]
     what = {"step": "a change", "warm_up": "a warm-up or drift", "sinusoid": "a sinusoid", "temperature": "an effect of temperature"}
     return [FINDINGS("instead", change=what[instead.family])] if instead else []
 
 
-def of_widening(wider: Widening, names: Sequence[str], duration: float) -> list[Finding]:
-    """The coefficient whose evidence is most uneven in time, white noise before slow noise."""
+def of_widening(wider: Any, loudest: Any, names: Sequence[str], duration: float) -> list[Finding]:
+    """The coefficient of a channel whose evidence is most uneven in time, white noise before slow noise; see `Widening`."""
     for what, terms, severity in (("white noise", "N", CAUTION), ("slow noise", "BK", NOTE)):
-        told = [(wider.factor[i], part) for i, part in enumerate(wider.loudest) if names[i] in terms and part is not None]
+        told = [(wider[i], part) for i, part in enumerate(loudest.tolist()) if names[i] in terms and part[0] == part[0]]
         factor, part = max(told, key=lambda one: one[0], default=(1.0, (0.0, 1.0)))
         start, stop, factor = part[0] * duration, part[1] * duration, float(np.sqrt(factor))
         if factor > FINDINGS["uneven"].limits[0]:

@@ -1,7 +1,10 @@
 """`fit`: noise coefficients of a record, and `characterise`: of every channel of a log."""
 
 import itertools
+import os
+import threading
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
@@ -12,15 +15,19 @@ from .._message import Message
 from .._precision import host_float64
 from .._types import Leaf, Numbers, Samples
 from ..evidence._find import ranges
+from ..evidence._findings import unrest
 from ..evidence._values import at_own_rate
 from ._axes import findings_of_axes
 from ._curvefit import fit_curves
 from ._findings import FINDINGS
-from ._record import Asked, Record, checked_call, findings_of_checks, without
+from ._record import Asked, Record, checked_call, findings_of_checks
 from ._result import NoiseFit, NoiseFits, stacked
 from ._terms import Term
 from ._traced import fit_traced
 from ._whittle import fit_axes
+
+#: samples from which a second thread saves more time than it costs, and those that one part holds at most, which needs 50 bytes for each
+_SHARED, _AT_ONCE = 1 << 18, 1 << 23
 
 
 def fit(
@@ -91,22 +98,39 @@ def fit(
 
 
 @host_float64
-def _fits(y, rate, method, terms, confidence, band, names=(), temperature=None, aside=None) -> list[NoiseFit]:
-    """A fit of each channel; `aside` are the stretches to leave out, if they are known."""
-    record = Record(y, names, temperature, aside)
+def _fits(y, rate, method, terms, confidence, band) -> list[NoiseFit]:
+    """A fit of each channel."""
+    record = Record(y)
     asked = checked_call(record, rate, method, terms, confidence, band)
-    return [fit for sensor in record.sensors() for fit in _of_sensor(sensor, asked)]
+    return [fit_traced(y, asked) for y in record.channels] if record.traced else _of_sensors(record.sensors(), asked)
 
 
-def _of_sensor(record: Record, asked: Asked) -> list[NoiseFit]:
-    """A fit of each axis; findings of the checks come first."""
-    if record.traced:
-        return [fit_traced(y, asked) for y in record.channels]
-    record.set_aside(asked.rate)
-    fits = fit_axes(record, asked) if asked.method == "whittle" else fit_curves(record, asked)
+@host_float64
+def _of_sensors(records: Sequence[Record], asked: Asked) -> list[NoiseFit]:
+    """A fit of each axis of sensors, all of one length and with equally many axes; threads take equal parts of them.
+
+    NumPy, SciPy and compiled programs let other threads work. What is small is computed for all sensors of a part at once.
+    """
+    samples = len(records) * len(records[0].channels) * len(records[0].channels[0])
+    # a thread that the caller started already has a core
+    ours = samples >= _SHARED and threading.current_thread() is threading.main_thread()
+    workers = min(os.cpu_count() or 1, len(records)) if ours else 1
+    places = np.array_split(np.arange(len(records)), min(max(workers, -(-samples // _AT_ONCE)), len(records)))
+    with ThreadPoolExecutor(workers) as pool:
+        found = (pool.map if workers > 1 else map)(lambda part: _of_part([records[i] for i in part], asked), places)
+        return [fit for part in found for fit in part]
+
+
+@host_float64
+def _of_part(records: Sequence[Record], asked: Asked) -> list[NoiseFit]:
+    """A fit of each axis of sensors; findings of the checks come first."""
+    for record in records:
+        record.set_aside(asked.rate)
+    fits = fit_axes(records, asked) if asked.method == "whittle" else [fit for one in records for fit in fit_curves(one, asked)]
+    channels = ((y, record) for record in records for y in record.channels)
     return [
-        replaced(one, findings=(*findings_of_checks(y, record, asked, float(np.asarray(one.noise.N)) ** 2), *one.findings))
-        for y, one in zip(record.channels, fits, strict=True)
+        replaced(one, findings=(*findings_of_checks(*channel, asked, one), *one.findings))
+        for channel, one in zip(channels, fits, strict=True)
     ]
 
 
@@ -123,7 +147,8 @@ def characterise(
     log : the `Log`, or anything that `jaxcal.read` takes: a path, a data frame, a dataset, a dictionary of arrays.
     rate : sampling rate in Hz, where what is given has no times.
     method, terms, confidence, band : as in `fit`.
-    progress : called as progress(done, total, channel) before the channels of each sensor, with the first of them, and once at the end.
+    progress : called as progress(done, total, channel) before the channels of sensors that are fitted together, with the first of them,
+        and once at the end.
 
     Returns
     -------
@@ -149,24 +174,25 @@ def characterise(
     if not channels:
         raise DataError(Message("the log has no gyroscope, accelerometer or magnetometer channel; name its columns with {option.columns}"))
     dead = [name for name, x in channels.items() if np.fmin.reduce(x) == np.fmax.reduce(x)]
-    dead *= len(dead) < len(channels)  # of dead ones alone the fit says why there is no answer
-    report = progress or (lambda done, total, name: None)
-    fits: dict[str, NoiseFit] = {}
+    if len(dead) == len(channels):
+        dead = []  # the fit says why there is no answer
+    alike: dict[tuple[float, int, int], list[Record]] = {}  # sensors that are fitted together
     for sensor, group in itertools.groupby(channels, lambda name: name.partition("_")[0]):
-        every = list(group)
-        report(len(fits), len(channels), every[0])
-        alive = [i for i, name in enumerate(every) if name not in dead]
-        if not alive:
-            continue
-        names = [every[i] for i in alive]
-        values, own = at_own_rate(log.usable(sensor)[:, alive], log.rate)
-        aside = ranges(log.evidence, sensor, own)
-        warmth = temperature if own == log.rate else None  # it is known at the samples of the log
-        fitted = _fits(values, own, method, terms, confidence, band, tuple(names), warmth, aside)
-        found = dict(zip(names, fitted, strict=True))
-        if len(names) > 1:
-            said = findings_of_axes(without(values, aside), own, found)
-            found[names[0]] = replaced(found[names[0]], findings=(*found[names[0]].findings, *said))
-        fits |= found
+        alive = {name: name not in dead for name in group}
+        if names := tuple(name for name, one in alive.items() if one):
+            values, own = at_own_rate(log.usable(sensor)[:, list(alive.values())], log.rate)
+            warmth = temperature if own == log.rate else None  # it is known at the samples of the log
+            record = Record(values, names, warmth, ranges(log.evidence, sensor, own))
+            alike.setdefault((own, *values.shape), []).append(record)
+    report, found = progress or (lambda done, total, name: None), {}
+    for (own, *_), records in alike.items():
+        report(len(found), len(channels), records[0].names[0])
+        fits = iter(_of_sensors(records, checked_call(records[0], own, method, terms, confidence, band)))
+        for record in records:
+            axes = dict(zip(record.names, fits, strict=False))
+            said, first = findings_of_axes(np.stack(record.channels, axis=1), own, axes) if len(axes) > 1 else (), record.names[0]
+            found |= axes | {first: replaced(axes[first], findings=(*axes[first].findings, *said))}
     report(len(channels), len(channels), "")
-    return NoiseFits(fits, [FINDINGS("constant", name) for name in dead])
+    return NoiseFits(
+        {name: found[name] for name in channels if name in found}, [*unrest(log), *(FINDINGS("constant", name) for name in dead)]
+    )

@@ -16,7 +16,6 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._types import AnyArray
-from ._ordinates import Bins
 
 FAINT = 0.01  # in several starts one column begins with this fraction of an equal share
 #: scoring: most steps, shortest part of a step, gain in log likelihood at which it ends, share of an ordinate below which the density
@@ -29,36 +28,39 @@ _eye = functools.cache(np.eye)  # it takes as long as a step of the solver
 
 
 def density(columns: AnyArray, theta: AnyArray) -> AnyArray:
-    """Density S of the model, kept above zero."""
-    return np.maximum(columns @ theta, _LEAST)
+    """Density S of the model, (..., bins) of coefficients (..., p), kept above zero."""
+    return np.maximum(theta @ columns.T, _LEAST)
 
 
-def information(bins: Bins, theta: AnyArray) -> AnyArray:
-    """Expected Fisher information of the squared coefficients, F = 1/2 sum nu X X' / S^2."""
-    rows = bins.columns * (np.sqrt(0.5 * bins.weight) / density(bins.columns, theta))[:, None]
-    return rows.T @ rows
+def information(columns: AnyArray, weight: AnyArray, theta: AnyArray, among: AnyArray) -> AnyArray:
+    """Expected Fisher information of the squared coefficients, F = 1/2 sum nu X X' / S^2, zero of those not `among` them, (..., p)."""
+    rows = columns * (np.sqrt(0.5 * weight) / density(columns, theta))[..., None] * among[..., None, :]
+    return np.swapaxes(rows, -1, -2) @ rows
 
 
 def inverse(matrix: AnyArray) -> AnyArray:
-    """Inverse of a positive semidefinite (p, p) matrix whose rows may differ by many powers of ten; rows of zeros stay zero."""
-    there = np.diagonal(matrix) > 0.0
-    scale = np.sqrt(np.where(there, np.diagonal(matrix), 1.0))
-    unit = matrix / scale[:, None] / scale[None, :] + np.diag(np.where(there, 0.0, 1.0))
-    return np.where(there[:, None] & there[None, :], np.linalg.inv(unit) / scale[:, None] / scale[None, :], 0.0)
+    """Inverse of positive semidefinite (..., p, p) matrices whose rows may differ by many powers of ten; rows of zeros stay zero."""
+    diagonal = np.diagonal(matrix, axis1=-2, axis2=-1)
+    there = diagonal > 0.0
+    scale = 1.0 / np.sqrt(np.where(there, diagonal, 1.0))
+    scale = scale[..., :, None] * scale[..., None, :]
+    unit = matrix * scale + _eye(matrix.shape[-1]) * ~there[..., None]
+    return np.where(there[..., :, None] & there[..., None, :], np.linalg.inv(unit) * scale, 0.0)
 
 
-def several_starts(bins: Bins) -> AnyArray:
-    """(starts, p) initial guesses, needed because the likelihood has local minima.
+def several_starts(columns: AnyArray, target: AnyArray, weight: AnyArray, among: AnyArray) -> AnyArray:
+    """(channels, starts, p) initial guesses, needed because the likelihood has local minima.
 
-    First every column explains an equal share of the ordinates, then each column in turn is faint. A column without a positive value
-    starts from zero.
+    First every column `among` them, (channels, p), explains an equal share of the ordinates, then each column in turn is faint. A column
+    without a positive value starts from zero.
     """
-    positive = (bins.weight > 0)[:, None] & (bins.columns > 0)
-    count = np.sum(positive, axis=0)
-    logs = np.log(np.maximum(bins.density, _LEAST)[:, None] / np.where(positive, bins.columns, 1.0))
-    level = np.exp(np.sum(logs, axis=0, where=positive) / np.maximum(count, 1))
-    flat = np.where(count > 0, level, 0.0) / max(np.sum(count > 0), 1)
-    return flat * np.concatenate([np.ones((1, len(flat))), (1.0 - (1.0 - FAINT) * np.eye(len(flat)))[flat > 0.0]])
+    used, positive = (weight > 0.0).astype(float), columns > 0.0
+    count, logs = used @ positive, np.log(np.where(positive, columns, 1.0))
+    level = np.exp(((used * np.log(np.maximum(target, _LEAST))) @ positive - used @ logs) / np.maximum(count, 1.0))
+    there = among & (count > 0.0)
+    flat = np.where(there, level, 0.0) / np.maximum(np.sum(there, axis=1, keepdims=True), 1)
+    own = _eye(columns.shape[1])
+    return flat[:, None, :] * np.concatenate([np.ones_like(own[:1]), 1.0 - (1.0 - FAINT) * own])
 
 
 def scoring(
@@ -74,23 +76,23 @@ def scoring(
     ----------
     columns, target, weight : (bins, p), (bins,) and (bins,) model per unit of each coefficient, ordinates and their number.
     start : (p,) where a search begins, or (searches, p).
-    base : density that is always there. Like the target, each search may have its own.
+    base : density that is always there. Like target and weight, each search may have its own.
     held : (searches, p) coefficients that stay as they start.
     """
-    used = weight > 0
+    used = weight > 0 if np.ndim(weight) == 1 else (weight > 0).any(axis=0)
     used = slice(None) if used.all() else used
-    x, weight = columns[used], weight[used]
+    x = columns[used]
     scale = np.maximum(np.abs(x).max(axis=0), _TINY)
     x, free, theta = x / scale, np.any(x < 0, axis=0), np.atleast_2d(start * scale)
     rows, products = np.ascontiguousarray(x.T), (x[:, :, None] * x[:, None, :]).reshape(len(x), -1)
-    p, base = (np.broadcast_to(values, (len(theta), len(columns)))[:, used] for values in (target, base))
+    p, base, weight = (np.broadcast_to(values, (len(theta), len(columns)))[:, used] for values in (target, base, weight))
     p, held = np.maximum(p, _TINY**0.25), np.broadcast_to(held, theta.shape)
     fixed = np.where(held, theta, 0.0)
 
     def cost_of(theta: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:
         s = np.maximum(theta @ rows + base, _DARK * p)
         ratio = p / s
-        return s, ratio, 0.5 * ((ratio - 1.0 - np.log(ratio)) @ weight)
+        return s, ratio, 0.5 * np.vecdot(ratio - 1.0 - np.log(ratio), weight)
 
     active, on = ((theta > 0.0) | free) & ~held, np.arange(len(theta))  # on: the searches that go on
     s, ratio, cost = cost_of(theta)
@@ -113,7 +115,8 @@ def scoring(
         if not more.any():
             break
         if not more.all():
-            s, ratio, active, on, p, base, held, fixed = (values[more] for values in (s, ratio, active, on, p, base, held, fixed))
+            kept = (s, ratio, active, on, p, base, held, fixed, weight)
+            s, ratio, active, on, p, base, held, fixed, weight = (values[more] for values in kept)
     return (theta / scale, cost) if np.ndim(start) > 1 else (theta[0] / scale, float(cost[0]))
 
 

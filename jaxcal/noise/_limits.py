@@ -1,7 +1,6 @@
 """Intervals and limits by inversion of a likelihood-ratio test: the values of one coefficient at which the ratio reaches a level."""
 
 import functools
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -39,9 +38,10 @@ def levels_of(confidence: float) -> tuple[float, float]:
 
 
 def profile_limits(
-    bins: Bins, theta: AnyArray, cost: float, covariance: AnyArray, own: Sequence[int], two_sided: AnyArray, one_sided: AnyArray
+    bins: Bins, weight: AnyArray, fit: tuple[AnyArray, AnyArray, AnyArray], out: AnyArray, lanes: tuple[AnyArray, AnyArray],
+    two_sided: AnyArray, one_sided: AnyArray,
 ) -> Limits:  # fmt: skip
-    """Squared coefficients at which the profile likelihood ratio of the `own` columns reaches a level, found for all of them at once.
+    """Squared coefficients at which profile likelihood ratios reach a level, found for all lanes at once.
 
     The square root of the ratio is nearly linear in the coefficient itself, and its slope is the score of the coefficient, so that Newton's
     method takes few steps; it is kept between values on either side of the level. A low end is 0 if zero cannot be excluded. An end that is
@@ -49,24 +49,31 @@ def profile_limits(
 
     Parameters
     ----------
-    theta, cost, covariance : (p,), scalar and (p, p) squared coefficients at the optimum, their cost there, and their covariance.
-    two_sided, one_sided : (own,) levels of the ratio at both ends and at the upper limit.
+    bins, weight : ordinates of channels, and their number in the fit, (channels, bins).
+    fit : (channels, p), (channels,) and (channels, p, p) squared coefficients at the optimum, their cost there, and their covariance.
+    out : (channels, p) columns that take no part.
+    lanes : channel and column of each coefficient looked at.
+    two_sided, one_sided : (lanes,) levels of the ratio at both ends and at the upper limit.
     """
-    count, index = len(own), np.tile(own, 4)
+    count, channel, index = len(lanes[0]), np.tile(lanes[0], 4), np.tile(lanes[1], 4)
+    theta, covariance = fit[0][channel], fit[2][channel]
+    each, columns = np.arange(len(index)), bins.columns
     level = np.sqrt(np.concatenate([two_sided, two_sided, one_sided, two_sided]))
-    best, error = theta[index], np.sqrt(np.diagonal(covariance))[index]
-    slope, free = covariance[index] / np.where(error > 0.0, error, np.inf)[:, None] ** 2, np.any(bins.columns < 0.0, axis=0)
-    last = np.tile(theta, (len(index), 1))  # each search starts from the one before
+    best, error = theta[each, index], np.sqrt(covariance[each, index, index])
+    slope = covariance[each, index] / np.where(error > 0.0, error, np.inf)[:, None] ** 2
+    free, last = np.any(columns < 0.0, axis=0), theta.copy()  # each search starts from the one before
 
     def root_of(lanes: AnyArray, value: AnyArray) -> tuple[AnyArray, AnyArray]:
         """Root of the ratio if coefficients are held at values, and its derivative with respect to the roots of the values."""
-        held = np.arange(len(theta)) == index[lanes, None]
-        start = last[lanes] + slope[lanes] * (value - last[lanes, index[lanes]])[:, None]
+        rows, own = channel[lanes], index[lanes]
+        held = np.arange(theta.shape[1]) == own[:, None]
+        start = last[lanes] + slope[lanes] * (value - last[lanes, own])[:, None]
         start = np.where(held, value[:, None], np.where(free, start, np.maximum(start, 0.0)))
-        last[lanes], found = scoring(bins.columns, bins.density, bins.weight, start, held=held, enough=_GAINED)
-        root, s = np.sqrt(np.maximum(2.0 * (found - cost), 0.0)), density(bins.columns, last[lanes].T).T
+        target, counted = bins.density[rows], weight[rows]
+        last[lanes], found = scoring(columns, target, counted, start, held=held | out[rows], enough=_GAINED)
+        root, s = np.sqrt(np.maximum(2.0 * (found - fit[1][rows]), 0.0)), density(columns, last[lanes])
         with np.errstate(over="ignore", invalid="ignore"):  # at zero, where no slope is needed
-            score = 0.5 * np.sum(bins.weight * bins.columns.T[index[lanes]] * (s - bins.density) / s**2, axis=1)
+            score = 0.5 * np.sum(counted * columns.T[own] * (s - target) / s**2, axis=1)
             return root, 2.0 * np.sqrt(value) * score / np.maximum(root, np.finfo(float).tiny)
 
     sign = np.repeat([-1.0, 1.0, 1.0], count)

@@ -14,9 +14,7 @@ import functools
 import numpy as np
 
 from .._types import AnyArray
-from ..allan import Deviation
 from ..spectrum._average import log_groups
-from ._ordinates import Bins
 
 _NARROW = 0.1  # width of a bin in radians of the weights below which its middle stands for it, exact to 1e-3
 
@@ -37,13 +35,12 @@ def _weights(n: int, sizes: tuple[int, ...]) -> tuple[AnyArray, AnyArray]:
     return mean4 * count / lower, mean8 * count / lower**2
 
 
-def edf_of(curve: Deviation, n: int, bins: Bins, level: AnyArray, theta: AnyArray, widened: AnyArray) -> AnyArray:
-    """Degrees of freedom at each cluster size of a record of n samples whose density in the bins is `level`.
+def edf_of(m: AnyArray, n: int, columns: AnyArray, level: AnyArray, theta: AnyArray, widened: AnyArray) -> AnyArray:
+    """Degrees of freedom at cluster sizes of records of n samples whose densities in the bins are `level`: (channels, clusters).
 
-    Each coefficient of a fit, `theta`, says by how much the variance of its share in a deviation is `widened`.
+    Each coefficient of a fit, `theta`, (channels, p), says by how much the variance of its share in a deviation is `widened`.
     """
-    first, second = _weights(n, tuple(int(m) for m in curve.m))
-    total = first @ level
-    edf = total**2 / (second @ level**2) * (n - 2.0 * curve.m + 1.0) / n
-    parts = np.abs(first @ (bins.columns * theta))
-    return edf / np.maximum(parts @ widened / np.maximum(parts.sum(axis=1), np.finfo(float).tiny), 1.0)
+    first, second = _weights(n, tuple(m.tolist()))
+    edf = (level @ first.T) ** 2 / (level**2 @ second.T) * (n - 2.0 * m + 1.0) / n
+    parts = np.abs(theta[:, None, :] * (first @ columns))
+    return edf / np.maximum(np.vecdot(parts, widened[:, None, :]) / np.maximum(parts.sum(axis=-1), np.finfo(float).tiny), 1.0)

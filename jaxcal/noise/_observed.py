@@ -77,6 +77,7 @@ class Observed:
     ----------
     y : (n,) samples; NaN marks a missing one.
     dt : sampling interval in s.
+    name : of the channel, for messages.
 
     Attributes
     ----------
@@ -85,13 +86,13 @@ class Observed:
     doubts : (groups, bins) standard deviation of the density for not knowing whether functions are in the mean.
     """
 
-    def __init__(self, y: np.ndarray, dt: float):
-        self.y, self.dt = np.asarray(y, dtype=float), dt
+    def __init__(self, y: np.ndarray, dt: float, name: str = ""):
+        self.y, self.dt, self.name = np.asarray(y, dtype=float), dt, name
         y, n, missing = self.y, len(y), np.isnan(y)
         known = n - np.count_nonzero(missing)
         self._there = known / n
         if known < _FEWEST:
-            raise DataError(f"{known} of {n} samples are there; a noise model needs {_FEWEST} at least")
+            raise DataError(f"{known} of {n} samples are there; a noise model needs {_FEWEST} at least").of(name)
         if 0.0 < 1.0 - self._there <= _FEW and len(runs(missing)[0]) <= _GAPS * np.sqrt(n):
             y, missing = bridged(y), np.zeros(n, dtype=bool)
         else:
@@ -175,12 +176,12 @@ class Observed:
             raise DataError(
                 "the record is a step, a ramp or another smooth change to within rounding: there is no noise to characterise. Check that "
                 "the log holds what the sensor sent"
-            )
+            ).of(self.name)
         share = np.clip(1.0 - lost / count, 0.0, 1.0)
         weight = np.where(share < _LEAST, 0.0, count * share * self._there)
         ordinates = self.dt * np.maximum(squares, rounding) / count / np.maximum(share, _LEAST)
         unit = np.exp(np.sum(weight * np.log(ordinates)) / max(np.sum(weight), 1.0))
-        return Bins(ordinates / unit, weight, columns, frequency, unit)
+        return Bins(ordinates / unit, weight, unit, columns, frequency)
 
     @property
     def filled(self) -> np.ndarray:

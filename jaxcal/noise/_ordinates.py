@@ -12,6 +12,7 @@ obey the same relation exactly.
 """
 
 import functools
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import equinox as eqx
@@ -37,18 +38,27 @@ LINE = _BELOW / (_BELOW + _ABOVE)
 
 
 class Bins(NamedTuple):
-    """Ordinates averaged in bins of frequency.
+    """Ordinates of a channel, or of channels (channels, bins) of the same bins, averaged in bins of frequency.
 
-    density : mean ordinate divided by `unit`, which is in the unit of B squared per Hz. weight : number of ordinates, which are the
-    degrees of freedom; 0 for bins that are left out. columns : (bins, p) expected mean ordinate per squared coefficient. frequency :
-    mean frequency in Hz.
+    density : mean ordinate divided by `unit`, (channels,), which is in the unit of B squared per Hz. weight : number of ordinates, which
+    are the degrees of freedom; 0 for bins that are left out. columns : (bins, p) expected mean ordinate per squared coefficient.
+    frequency : (bins,) mean frequency in Hz.
     """
 
     density: AnyArray
     weight: AnyArray
+    unit: Any
     columns: AnyArray
     frequency: AnyArray
-    unit: Any
+
+    def of(self, rows: Any) -> "Bins":
+        """The bins of some channels."""
+        return Bins(*(values[rows] for values in self[:3]), *self[3:])
+
+
+def beside(channels: Sequence[Bins]) -> Bins:
+    """The bins of channels of one length, in one table."""
+    return Bins(*map(np.array, zip(*(one[:3] for one in channels), strict=True)), *channels[0][3:])
 
 
 @functools.lru_cache(maxsize=256)
@@ -74,16 +84,17 @@ def bins_of(y: Array, dt: float, terms: tuple[Term, ...]) -> Bins:
     found = jax.ops.segment_sum(ordinates, group, len(starts), indices_are_sorted=True) / count.astype(y.dtype)
     unit = jax.lax.stop_gradient(jnp.mean(found))
     count, columns, frequency = (np.asarray(array, dtype=found.dtype) for array in (count, columns, frequency))
-    return Bins(found / unit, count, columns, frequency, unit)
+    return Bins(found / unit, count, unit, columns, frequency)
 
 
-def _median(values, count) -> np.ndarray:
-    """Median of the `count` smallest of each row; `numpy.nanmedian` takes ten times as long for so few."""
-    values, row = np.sort(values, axis=1), np.arange(len(values))
-    return 0.5 * (values[row, (count - 1) // 2] + values[row, count // 2])
+def _median(values, there) -> np.ndarray:
+    """Median of the last axis, of those values that are `there`; `numpy.nanmedian` takes ten times as long for so few."""
+    ordered, count = np.sort(np.where(there, values, np.inf), axis=-1), np.maximum(there.sum(axis=-1, keepdims=True), 1)
+    middle = [np.take_along_axis(ordered, place, axis=-1)[..., 0] for place in ((count - 1) // 2, count // 2)]
+    return 0.5 * (middle[0] + middle[1])
 
 
-def find_lines(bins: Bins, model) -> Float[np.ndarray, " bins"]:
+def find_lines(bins: Bins, model) -> Float[np.ndarray, "channels bins"]:
     """Find the bins that spectral lines occupy: the share of each bin that is a line, 1 in a line and 0 elsewhere.
 
     The ordinates P are divided by a first fit, `model`, which is smooth even where it is wrong. In a bin of nu ordinates, nu P/S follows
@@ -96,39 +107,37 @@ def find_lines(bins: Bins, model) -> Float[np.ndarray, " bins"]:
     the share `LINE` on the bin is reported as a line. The share grows evenly with the normal value of the same chance, like a weight that
     falls to zero gradually in a robust fit (F. R. Hampel, J. Am. Stat. Assoc. 69, 1974).
     """
-    weight, density = np.asarray(bins.weight), np.asarray(bins.density / model)
-    used = weight > 0
-    limit = _CHANCE / max(int(used.sum()), 1)
-    taken, share = np.zeros(len(weight), dtype=bool), np.zeros(len(weight))
-    offsets = np.array([k for k in range(-_REACH, _REACH + 1) if abs(k) > 1])
-    index = np.arange(len(weight))[:, None] + offsets[None, :]
-    inside = (index >= 0) & (index < len(weight))
-    index = np.clip(index, 0, len(weight) - 1)
+    weight, density = bins.weight, bins.density / model
+    used, count = weight > 0, weight.shape[1]
+    limit = _CHANCE / np.maximum(used.sum(axis=1), 1)
+    taken, share = np.zeros(weight.shape, dtype=bool), np.zeros(weight.shape)
+    places = [np.arange(count)[:, None] + side * np.arange(2, _REACH + 1) for side in (-1, 1)]
+    inside, places = [(place >= 0) & (place < count) for place in places], [np.clip(place, 0, count - 1) for place in places]
+    # median of chi-square over nu by Wilson and Hilferty; the standard error of a median of k values is 1.25 sd/sqrt(k)
+    middle = density / (1.0 - 2.0 / (9.0 * np.maximum(weight, 1.0))) ** 3
     for _ in range(_PASSES):
-        there = inside & (used & ~taken)[index]
-        # median of chi-square over nu by Wilson and Hilferty; the standard error of a median of k values is 1.25 sd/sqrt(k)
-        middle = (1.0 - 2.0 / (9.0 * np.maximum(weight, 1.0))) ** 3
-        values = np.where(there, (density / middle)[index], np.nan)
-        sides = [there & (offsets < 0)[None, :], there & (offsets > 0)[None, :]]
-        known = used & np.all([side.sum(axis=1) >= _FEWEST for side in sides], axis=0)
-        level = np.ones(len(weight))
+        sides = [own & (used & ~taken)[:, place] for own, place in zip(inside, places, strict=True)]
+        known = used & np.logical_and.reduce([side.sum(axis=-1) >= _FEWEST for side in sides])
         # a slope of the spectrum cancels in the geometric mean of the two sides
-        level[known] = np.sqrt(np.prod([_median(np.where(side, values, np.inf)[known], side[known].sum(axis=1)) for side in sides], axis=0))
-        ordinates = np.where(there, weight[index], 0.0).sum(axis=1)
+        medians = [_median(middle[:, place], side) for place, side in zip(places, sides, strict=True)]
+        level = np.sqrt(np.where(known, medians[0], 1.0) * np.where(known, medians[1], 1.0))
+        ordinates = sum(np.where(side, weight[:, place], 0.0).sum(axis=-1) for place, side in zip(places, sides, strict=True))
         level *= 1.0 + 2.0 * 1.25 * np.sqrt(2.0 / np.maximum(ordinates, 1.0))
-        chance = scipy.special.gammaincc(weight / 2.0, weight * density / level / 2.0)
-        new = known & (chance < limit)
-        near = known & (chance < _NEAR)
-        apart = scipy.special.ndtri(limit) - scipy.special.ndtri(np.maximum(chance[near], np.finfo(float).tiny))
+        chance = np.ones(weight.shape)
+        high = known & (density > level)
+        chance[high] = scipy.special.gammaincc(weight[high] / 2.0, (weight * density)[high] / level[high] / 2.0)
+        new, near = chance < limit[:, None], chance < _NEAR
+        apart = scipy.special.ndtri(limit)[np.nonzero(near)[0]] - scipy.special.ndtri(np.maximum(chance[near], np.finfo(float).tiny))
         share[near] = np.maximum(share[near], np.clip((apart + _BELOW) / (_BELOW + _ABOVE), 0.0, 1.0))
         if not (new & ~taken).any():
             break
         taken |= new
     # the skirts of a line are too low to be detected one by one
     share = np.where(used, scipy.ndimage.maximum_filter1d(share, 3), 0.0)
-    for a, b in zip(*runs(share >= LINE), strict=True):
-        wide, high = np.sum(share[a:b]) / _WIDEST, np.max(density[a:b] / level[a:b]) / _TOWERING
-        share[a:b] *= np.clip(max(2.0 - wide, 2.0 * high - 1.0), 0.0, 1.0)
+    for i in np.flatnonzero((share >= LINE).any(axis=1)):
+        for a, b in zip(*runs(share[i] >= LINE), strict=True):
+            wide, high = np.sum(share[i, a:b]) / _WIDEST, np.max(density[i, a:b] / level[i, a:b]) / _TOWERING
+            share[i, a:b] *= np.clip(max(2.0 - wide, 2.0 * high - 1.0), 0.0, 1.0)
     return share
 
 

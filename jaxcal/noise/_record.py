@@ -15,7 +15,8 @@ from ..allan import Deviation
 from ..allan._deviation import begin
 from ..allan._kinds import find_kind
 from ..evidence import bursts
-from ..evidence._values import first_known, resolution
+from ..evidence._findings import percent
+from ..evidence._values import common_step, first_known
 from ._findings import FINDINGS
 from ._model import BUILT_IN, checked_terms
 from ._sections import QUOTED
@@ -81,22 +82,15 @@ class Record:
                     "the record is constant (every sample equal): there is no noise to characterise. Check that the sensor was running "
                     "and that its resolution is finer than its noise; leave a dead channel out"
                 ).of(name)
-        if self.aside is None:
-            self.aside = bursts(np.stack(self.channels).T, rate)
-        self.channels = [without(x, self.aside) for x in self.channels]
-
-
-def without(y: Any, aside: Sequence[tuple[int, int]]) -> Any:
-    """The samples without the stretches that are set aside."""
-    if aside:
-        y = np.array(y, dtype=float)
-        for first, last in aside:
-            y[first:last] = np.nan
-    return y
+        y = np.array(self.channels, dtype=float)
+        self.aside = bursts(y.T, rate) if self.aside is None else self.aside
+        for first, last in self.aside:
+            y[:, first:last] = np.nan
+        self.channels = list(y)
 
 
 class Asked(NamedTuple):
-    """What a fit is asked for: options of `fit` after checks, cluster sizes, and which of these the fit may use."""
+    """What a fit is asked for: options of `fit` after checks, cluster sizes, which of them it may use, and the record's length in s."""
 
     rate: float
     method: str
@@ -105,6 +99,7 @@ class Asked(NamedTuple):
     band: Any
     m: np.ndarray
     inside: np.ndarray
+    duration: float
 
     def begin(self, y: Any, end: float | None = None) -> tuple[Callable[[], Deviation], np.ndarray]:
         """Start the Allan deviation of a channel: a function that waits for it, and which cluster sizes the fit may use.
@@ -131,7 +126,7 @@ def checked_call(record: Record, rate: Any, method: str, terms: Any, confidence:
     if method == "whittle":  # the others are fitted to the curve, whose cluster sizes are their own
         quoted = np.round(np.array(QUOTED) * rate).astype(np.int64)
         m = np.union1d(m, quoted[(quoted >= 1) & (quoted <= samples // 4)])
-    return Asked(rate, method, terms, confidence, band, m, inside(m / rate, band, terms))
+    return Asked(rate, method, terms, confidence, band, m, inside(m / rate, band, terms), samples / rate)
 
 
 def clusters(samples: int, terms: Sequence[Any]) -> np.ndarray:
@@ -176,16 +171,17 @@ def _refuse_alike(terms: tuple[Term, ...], samples: int, dt: float) -> None:
             )
 
 
-def findings_of_checks(y: Any, record: Record, asked: Asked, n_squared: float) -> list[Finding]:
-    """What was set aside or is missing, and the resolution, where it matters beside the noise. `n_squared` is N^2 of the fit."""
-    found, aside = [], list(record.aside or ())
+def findings_of_checks(y: Any, record: Record, asked: Asked, fit: Any) -> list[Finding]:
+    """What was set aside or is missing, and the resolution, where it matters beside the noise."""
+    found, aside, n_squared = [], list(record.aside or ()), float(np.asarray(fit.noise.N)) ** 2
     lost = sum(last - first for first, last in aside)
-    if lost and (record.found or lost > FINDINGS["set_aside"].limits[1] * len(y)):
-        part, first = lost / len(y), aside[0][0] / asked.rate
-        found += FINDINGS.over("set_aside", part, length=lost / asked.rate, share=100 * part, first=first)
+    if lost and record.found:
+        share, first = lost / len(y), aside[0][0] / asked.rate
+        found += FINDINGS.over("set_aside", share, length=lost / asked.rate, share=percent(share), first=first)
     if gone := int(np.count_nonzero(np.isnan(y))) - lost:
-        found.append(FINDINGS("gaps", cost=gone / len(y), share=100 * gone / len(y)))
-    step, white = resolution(y), float(np.std(np.diff(first_known(y)))) / np.sqrt(2.0)
+        found.append(FINDINGS("gaps", cost=gone / len(y), share=percent(gone / len(y))))
+    steps = np.diff(first_known(y))
+    step, white = common_step(np.abs(steps)), float(np.std(steps)) / np.sqrt(2.0)
     share = step**2 / asked.rate / 12.0 / n_squared if n_squared > 0.0 else 0.0
     coarse = FINDINGS.over("coarse", step / white if white else np.inf * step, step=Quantity(step, record.sensor or "ratio"))
     return [*found, *(coarse or FINDINGS.over("rounding", share, share=100 * min(share, 1.0)))]

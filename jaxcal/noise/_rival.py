@@ -22,8 +22,7 @@ import numpy as np
 from .._types import AnyArray
 from ._likelihood import density, information, inverse, scoring
 from ._limits import profile_limits
-from ._ordinates import Bins
-from ._solve import Fitted
+from ._solve import Solved
 from ._terms import BUILT_IN, GaussMarkov
 
 _OCTAVES = 3.0  # below the end of the band, at which the highest corner lies; nearer to it, N of every record has a wide interval
@@ -33,66 +32,74 @@ _GAIN, _APART = 12.0, 0.25
 
 
 class Rival(NamedTuple):
-    """Density of the rival in the bins of a fit, rms logarithm of its ratio to the model, the share of the low ends of B^2 and K^2 that it
-    leaves, which is 0 if the record shows another spectrum than that of the model, and limits of its N^2 (low, high, one-sided upper limit)
-    in units of `Bins.unit`, or None without N.
+    """Of each channel: density of the rival in the bins of a fit, rms logarithm of its ratio to the model, the share of the low ends of B^2
+    and K^2 that it leaves, which is 0 if the record shows another spectrum than that of the model, and limits of its N^2, (channels, 3):
+    low, high, one-sided upper limit in units of `Bins.unit`, or None without N.
     """
 
     density: AnyArray
-    apart: float
-    left: float
-    white: tuple[float, float, float] | None
+    apart: AnyArray
+    left: AnyArray
+    white: AnyArray | None
 
 
-def rival_of(fitted: Fitted, names: tuple[str, ...], dt: float, duration: float, levels: tuple[float, float], widened: float) -> Rival:
-    """Fit the rival to the bins of a fit, whose columns have these names; N is judged at two levels of the likelihood ratio.
+def rival_of(solved: Solved, dt: float, duration: float, levels: tuple[float, float], widened: AnyArray) -> Rival:
+    """Fit the rival to the bins of fits; N is judged at two levels of the likelihood ratio.
 
-    The variance of N is `widened`, which adds to what the shape of the rival leaves open.
+    The variance of N is `widened`, (channels,), which adds to what the shape of the rival leaves open.
     Where the model does not describe the slow noise, relaxations up to the end of the band may take part of N.
     """
-    bins, used = fitted.bins, fitted.bins.weight > 0
-    kept = np.array([name not in ("B", "K") for name in names])
-    columns, start = _columns(bins, kept, fitted.theta, dt, duration, _OCTAVES)
-    theta, cost = scoring(columns, bins.density, bins.weight, start)
-    model, own = density(bins.columns, fitted.theta), density(columns, theta)
+    bins, names = solved.bins, solved.names
+    used, kept = solved.weight > 0, np.array([name not in ("B", "K") for name in names])
+    columns, start, out = _columns(solved, kept, dt, duration, _OCTAVES)
+    theta, cost = scoring(columns, bins.density, solved.weight, start, held=out)
+    own = density(columns, theta)
     # octaves count alike, however many ordinates they have
     share = np.gradient(np.log(bins.frequency)) * used
-    apart = float(np.sqrt(np.sum(share * np.log(own / model) ** 2) / np.sum(share)))
-    gain = 2.0 * float(fitted.cost - cost)
-    left = float(np.clip((_GAIN - gain) / levels[0], 0.0, 1.0)) if apart > _APART else 1.0
+    apart = np.sqrt(np.vecdot(share, np.log(own / solved.level) ** 2) / np.sum(share, axis=1))
+    gain = 2.0 * (solved.cost - cost)
+    left = np.where(apart > _APART, np.clip((_GAIN - gain) / levels[0], 0.0, 1.0), 1.0)
     white = [name for name, keep in zip(names, kept, strict=True) if keep].index("N") if "N" in names else None
     if white is None:
         return Rival(own, apart, left, None)
-    error = float(np.sqrt(inverse(information(bins._replace(columns=columns * (theta != 0.0)), theta))[white, white]))
-    both = np.array([levels[0], *levels])
-    middle, reach = float(theta[white]), error * np.sqrt(both)
-    if gain > _GAIN - levels[0]:
-        columns, start = _columns(bins, kept, fitted.theta, dt, duration, 0.0)
-        wide, cost = scoring(columns, bins.density, bins.weight, start)
-        spread = np.diag(np.arange(len(wide)) == white) * (error**2 or middle**2)
-        less = max(_GAIN - 2.0 * float(fitted.cost - cost), 0.0)  # what is left of the price
-        within = (np.array([max(level - less, 0.0)]) for level in levels)
-        ends = profile_limits(bins._replace(columns=columns), wide, cost, spread, [white], *within)
-        reach = np.maximum(reach, [middle - ends.low[0], ends.high[0] - middle, ends.upper[0] - middle])
-    reach = np.hypot(reach, error * np.sqrt((widened - 1.0) * both))
-    return Rival(own, apart, left, (max(middle - reach[0], 0.0), middle + reach[1], middle + reach[2]))
+    error = np.sqrt(inverse(information(columns, solved.weight, theta, theta != 0.0))[:, white, white])
+    both = np.sqrt([levels[0], *levels])[:, None]
+    middle, reach = theta[:, white], error * both
+    if len(rows := np.flatnonzero(gain > _GAIN - levels[0])):
+        columns, start, out = _columns(solved.of(rows), kept, dt, duration, 0.0)
+        part, weight = bins.of(rows)._replace(columns=columns), solved.weight[rows]
+        wide, cost = scoring(columns, part.density, weight, start, held=out)
+        spread = np.zeros((len(rows), len(wide[0]), len(wide[0])))
+        spread[:, white, white] = np.where(error[rows] > 0.0, error[rows], middle[rows]) ** 2
+        less = np.maximum(_GAIN - 2.0 * (solved.cost[rows] - cost), 0.0)  # what is left of the price
+        within = (np.maximum(level - less, 0.0) for level in levels)
+        lanes = np.arange(len(rows)), np.full(len(rows), white)
+        ends = profile_limits(part, weight, (wide, cost, spread), out, lanes, *within)
+        found = [middle[rows] - ends.low, ends.high - middle[rows], ends.upper - middle[rows]]
+        reach[:, rows] = np.maximum(reach[:, rows], found)
+    reach = np.hypot(reach, error * np.sqrt(widened - 1.0) * both)
+    return Rival(own, apart, left, np.stack([np.maximum(middle - reach[0], 0.0), middle + reach[1], middle + reach[2]], axis=1))
 
 
-def _columns(
-    bins: Bins, kept: AnyArray, theta: AnyArray, dt: float, duration: float, octaves: float
-) -> tuple[AnyArray, AnyArray]:  # fmt: skip
-    """Columns of the rival, with corners that end so many octaves below the band, and coefficients to start from."""
-    used = bins.weight > 0
-    slow = _relaxations(bins.frequency.tobytes(), dt, duration, float(np.log2(bins.frequency[used].max())) - octaves)
-    start = np.concatenate([theta[kept], np.full(slow.shape[1], np.mean(bins.density[used]) / slow.shape[1])])
-    return np.column_stack([bins.columns[:, kept], slow]), start
+def _columns(solved: Solved, kept: AnyArray, dt: float, duration: float, octaves: float) -> tuple[AnyArray, AnyArray, AnyArray]:
+    """Columns of the rival, coefficients to start from, and which columns take no part: corners end so many octaves below the band."""
+    bins = solved.bins
+    used = solved.weight > 0
+    ends = np.log2(np.max(np.where(used, bins.frequency, 0.0), axis=1, keepdims=True)) - octaves + 1e-9
+    corners, slow = _relaxations(bins.frequency.tobytes(), dt, duration, float(ends.max()))
+    above = corners > ends
+    level = np.sum(bins.density * used, axis=1, keepdims=True) / np.sum(used, axis=1, keepdims=True)
+    start = np.hstack([solved.theta[:, kept], np.where(above, 0.0, level / np.sum(~above, axis=1, keepdims=True))])
+    return np.column_stack([bins.columns[:, kept], slow]), start, np.hstack([~solved.among[:, kept], above])
 
 
 @functools.lru_cache(maxsize=16)
-def _relaxations(held: bytes, dt: float, duration: float, last: float) -> AnyArray:
-    """Densities (bins, processes) of a random walk and of relaxations an octave apart; records of one length and band share them."""
-    frequency = np.frombuffer(held)
-    corners = np.exp2(np.arange(float(np.log2(0.25 / duration)), last + 1e-9))
-    walk = BUILT_IN["K"].psd(frequency, dt)
-    relaxations = np.asarray(GaussMarkov(time=0.5 / (np.pi * corners)).psd(frequency[:, None], dt))
-    return np.column_stack([walk / walk.max(), relaxations / relaxations.max(axis=0)])
+def _relaxations(held: bytes, dt: float, duration: float, last: float) -> tuple[AnyArray, AnyArray]:
+    """Logarithms of corners up to a last one, and densities (bins, processes) of a random walk, which has none, and of relaxations an
+    octave apart; records of one length share them.
+    """
+    frequency, corners = np.frombuffer(held), np.arange(float(np.log2(0.25 / duration)), last)
+    times = 0.5 / (np.pi * np.exp2(corners))
+    densities = [BUILT_IN["K"].psd(frequency, dt)[:, None], np.asarray(GaussMarkov(time=times).psd(frequency[:, None], dt))]
+    slow = np.hstack(densities)
+    return np.append(-np.inf, corners), slow / slow.max(axis=0)

@@ -1,6 +1,7 @@
 """From the bins of a record to the fit of its noise terms, in the band where the model holds and beside spectral lines."""
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -8,7 +9,7 @@ from .._errors import DataError
 from .._types import AnyArray, Int
 from ._likelihood import chance, density, nonnegative, scoring, several_starts
 from ._observed import Observed
-from ._ordinates import Bins, find_lines
+from ._ordinates import Bins, beside, find_lines
 from ._terms import Filter, Term
 
 _FILTER = Filter()  # one object: caches compare it at once
@@ -25,31 +26,33 @@ _FIRST, _GROUPS = (0, 4, 12, 24, 48), 40
 _TOLERANCES, _REFUSED, _OCTAVES, _MARGIN, _FEWEST = (0.01, 0.03), 0.001, 4, 1.0, 20
 
 
-class Fitted(NamedTuple):
-    """A fit of `bins`, which have zero weight outside the band: coefficients in units of `Bins.unit`, and cost.
-
-    misfit : deviance of the spectrum over its degrees of freedom. goodness : chance of a worse deviance. cut : whether high frequencies
-    were left out.
-    """
-
-    theta: AnyArray
-    cost: float
-    bins: Bins
-    misfit: float
-    goodness: float
-    cut: bool = False
-
-
 class Solved(NamedTuple):
-    """Bins of a record, the share of each that is a spectral line, their fit, its terms, one for each column of the bins, and by how many
-    standard errors the last round of filling gaps changed it.
+    """Fits of channels: bins, terms, one for each column of the bins; the share of each bin that is a spectral line, and the number of
+    ordinates in the fit, zero outside the band and in lines, (channels, bins); coefficients (channels, p) in units of `Bins.unit`; cost.
+
+    misfit : deviance of the spectrum over its degrees of freedom. goodness : chance of a worse deviance. cut : whether high frequencies are
+    left out. off : by how many standard errors the last round of filling gaps changed the fit.
     """
 
     bins: Bins
-    lines: AnyArray
-    fitted: Fitted
     columns: tuple[Term, ...]
-    off: float = 0.0
+    lines: AnyArray
+    weight: AnyArray
+    theta: AnyArray
+    cost: AnyArray
+    misfit: AnyArray
+    goodness: AnyArray
+    cut: AnyArray
+    off: AnyArray
+
+    def of(self, rows: Any) -> "Solved":
+        """Those of some channels."""
+        return Solved(self.bins.of(rows), self.columns, *(values[rows] for values in self[2:]))
+
+    def put(self, rows: Any, others: "Solved") -> None:
+        """Replace those of some channels."""
+        for values, new in zip((*self.bins[:3], *self[2:]), (*others.bins[:3], *others[2:]), strict=True):
+            values[rows] = new
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -57,101 +60,111 @@ class Solved(NamedTuple):
         return tuple(term.name for term in self.columns)
 
     @property
-    def own(self) -> list[int]:
-        """Columns with a coefficient that the record determines: not the filter, and not Q, of the same shape, where there is a filter."""
-        return [i for i, name in enumerate(self.names) if name != FILTER and not (name == "Q" and self.fitted.cut)]
+    def among(self) -> AnyArray:
+        """(channels, p) which columns take part: the filter where high frequencies are left out, and Q, of the same shape, elsewhere."""
+        return np.array(self.names) != np.where(self.cut, "Q", FILTER)[:, None]
 
     @property
-    def end(self) -> float:
-        """Highest frequency of the band in Hz; infinite if the fit uses all frequencies."""
-        bins = self.fitted.bins
-        return float(np.max(np.where(bins.weight > 0, bins.frequency, 0.0))) if self.fitted.cut else np.inf
+    def own(self) -> AnyArray:
+        """(channels, p) whether the record determines a coefficient."""
+        return self.among & (np.array(self.names) != FILTER)
+
+    @property
+    def level(self) -> AnyArray:
+        """(channels, bins) density of the model, in units of `Bins.unit`."""
+        return density(self.bins.columns, self.theta)
+
+    @property
+    def end(self) -> AnyArray:
+        """(channels,) highest frequency of the band in Hz; infinite if the fit uses all frequencies."""
+        return np.where(self.cut, np.max(np.where(self.weight > 0, self.bins.frequency, 0.0), axis=1), np.inf)
 
 
-def solve(observed: Observed, columns: tuple[Term, ...], band, begun: Solved | None = None) -> Solved:
-    """Fit the samples observed. If some are missing, the fit is repeated until the density that fills the gaps no longer changes.
+def solve(observed: Sequence[Observed], columns: tuple[Term, ...], band, begun: Solved | None = None) -> Solved:
+    """Fit the samples observed of channels of one length, all at once.
 
-    `begun` is a fit without regressors that the record now has.
+    If some are missing, the fit is repeated until the density that fills the gaps no longer changes. `begun` are fits without regressors
+    that the records now have.
     """
-    columns, rough = (*columns, _FILTER), 0 if begun else _ROUGH
-    solved = begun or _solved(observed.bins(columns), columns, band, band is None and observed.complete)
-    for k in range(0 if observed.complete else _ROUNDS):
-        before = _level(solved)
-        solved = _solved(observed.bins(columns, before), columns, band, band is None and k + 1 >= rough)
-        change = np.log(_level(solved) / before)
-        solved = solved._replace(off=float(np.sqrt(0.5 * np.dot(solved.fitted.bins.weight, change**2))))
-        if k > rough and solved.off < SETTLED:
-            break
+    columns, rough, k = (*columns, _FILTER), 0 if begun else _ROUGH, 0
+    whole = np.array([one.complete for one in observed])
+    solved = begun or _solved(beside([one.bins(columns) for one in observed]), columns, band, whole & (band is None))
+    rows = np.flatnonzero(~whole)
+    while len(rows) and k < _ROUNDS:
+        before, k = _level(solved.of(rows)), k + 1
+        bins = beside([observed[i].bins(columns, level) for i, level in zip(rows, before, strict=True)])
+        found = _solved(bins, columns, band, band is None and k >= rough)
+        change = np.log(_level(found) / before)
+        solved.put(rows, found._replace(off=np.sqrt(0.5 * np.vecdot(found.weight, change**2))))
+        rows = rows[(solved.off[rows] >= SETTLED) | (k <= rough + 1)]
     return solved
 
 
-def _level(solved: Solved):
+def _level(solved: Solved) -> AnyArray:
     """Density at the bins: that of the model, and the ordinates themselves as far as a bin is a spectral line or outside of the band."""
-    bins, model = solved.bins, density(solved.fitted.bins.columns, solved.fitted.theta)
-    own = 1.0 - solved.fitted.bins.weight / np.where(bins.weight > 0.0, bins.weight, np.inf)
-    return np.where((bins.weight > 0.0) & (bins.density > 0.0), model + own * (bins.density - model), model) * bins.unit
+    bins, model = solved.bins, solved.level
+    own = 1.0 - solved.weight / np.where(bins.weight > 0.0, bins.weight, np.inf)
+    there = (bins.weight > 0.0) & (bins.density > 0.0)
+    return np.where(there, model + own * (bins.density - model), model) * bins.unit[:, None]
 
 
-def _solved(whole: Bins, columns: tuple[Term, ...], band, automatic: bool) -> Solved:
+def _solved(whole: Bins, columns: tuple[Term, ...], band, automatic: Any) -> Solved:
     bins = inside(whole, band)
-    count = int(np.sum(bins.weight > 0))
+    count = int(np.min(np.sum(bins.weight > 0, axis=1)))
     if count <= len(columns):
         raise DataError(
             f"{count} frequency bins are left for {len(columns)} terms; record longer without gaps, widen the band, or ask for fewer terms"
         )
-    group = groups_of(whole.weight, int(np.sum(whole.weight)))
-    fitted = _fitted(_without(bins, columns, FILTER), group)
-    lines = find_lines(bins, density(fitted.bins.columns, fitted.theta))
-    clear = bins._replace(weight=bins.weight * (1.0 - lines))
-    fitted = _fitted(_without(clear, columns, FILTER), group) if lines.any() else fitted
-    if automatic and fitted.goodness < _REFUSED:
-        fitted = _below_filter(clear, fitted, group, columns)
-    return Solved(bins, lines, fitted, columns)
+    group, none = groups_of(whole.weight), np.zeros(len(bins.weight))
+    solved = _fitted(Solved(bins, columns, none, bins.weight.copy(), none, none, none, none, none > 0.0, none.copy()), group)
+    solved = solved._replace(lines=find_lines(bins, solved.level))
+    if len(rows := np.flatnonzero(solved.lines.any(axis=1))):
+        part = solved.of(rows)
+        solved.put(rows, _fitted(part._replace(weight=part.weight * (1.0 - part.lines)), group[rows]))
+    rows = np.flatnonzero(automatic & (solved.goodness < _REFUSED))
+    ends = np.array([_search(bins.frequency, bins.density[i], solved.weight[i], len(columns)) for i in rows])
+    if len(rows := rows[ends < np.inf]):
+        part, below = solved.of(rows), bins.frequency <= ends[ends < np.inf, None] * (1 + 1e-6)
+        solved.put(rows, _fitted(part._replace(weight=part.weight * below, cut=np.ones(len(rows), dtype=bool)), group[rows]))
+    return solved
 
 
-def _fitted(bins: Bins, group: AnyArray) -> Fitted:
+def _fitted(solved: Solved, group: AnyArray) -> Solved:
     """Fit from several starting points, keep the highest likelihood, and judge the fit; `group` comes from `groups_of`."""
-    theta, cost = scoring(bins.columns, bins.density, bins.weight, several_starts(bins))
-    theta, cost = scoring(bins.columns, bins.density, bins.weight, theta[np.argmin(cost)], enough=_FINE)  # only one needs many steps
-    count, total = (
-        np.bincount(group, bins.weight * values) for values in (np.ones(len(group)), bins.density / density(bins.columns, theta))
-    )
-    there = count > 0.0
-    ratio = total[there] / count[there]
-    deviance = np.sum(count[there] * (ratio - 1.0 - np.log(ratio)))
-    freedom = max(float(np.sum(there) - np.sum(theta != 0.0)), 1.0)
-    return Fitted(theta, cost, bins, float(deviance / freedom), float(chance(deviance, freedom)))
+    (target, _, _, columns, _), weight, held, count = solved.bins, solved.weight, ~solved.among, len(group)
+    starts = several_starts(columns, target, weight, ~held)
+    each = np.repeat(np.arange(count), starts.shape[1])
+    theta, cost = scoring(columns, target[each], weight[each], starts.reshape(len(each), -1), held=held[each])
+    best = np.argmin(cost.reshape(count, -1), axis=1) + np.arange(0, len(each), starts.shape[1])
+    theta, cost = scoring(columns, target, weight, theta[best], held=held, enough=_FINE)  # only one needs many steps
+    place = (group + _GROUPS * np.arange(count)[:, None]).ravel()
+    sums = (weight, weight * target / density(columns, theta))
+    there, total = (np.bincount(place, one.ravel(), _GROUPS * count).reshape(count, -1) for one in sums)
+    ratio = np.where(there > 0.0, total, 1.0) / np.where(there > 0.0, there, 1.0)
+    deviance = np.vecdot(there, ratio - 1.0 - np.log(ratio))
+    freedom = np.maximum(np.sum(there > 0.0, axis=1) - np.sum(theta != 0.0, axis=1), 1.0)
+    return solved._replace(theta=theta, cost=cost, misfit=deviance / freedom, goodness=chance(deviance, freedom))
 
 
-def _below_filter(bins: Bins, whole: Fitted, group: AnyArray, columns: tuple[Term, ...]) -> Fitted:
-    """Fit the widest band, from the lowest frequency up, whose upper end no filter spoils; the fit of the `whole` band if that is all.
+def _search(frequency: AnyArray, density: AnyArray, weight: AnyArray, count: int) -> float:
+    """Find the upper end of the widest band in Hz that no filter spoils; infinite if white noise is level up to the highest frequency.
 
     A filter or a resonance of the sensor spoils high frequencies. The upper end is therefore lowered by thirds of octaves until the four
     octaves below it are smooth, and then by another octave, because they only just are.
 
     Below its corner a low-pass filter turns white noise into N^2 (1 - c f^2) with c of either sign. In a band whose high frequencies are
     cut off, the column `FILTER` describes this, so that it does not bias N. The column has the shape of Q and replaces it.
-    """
-    end, level = _search(whole.bins, len(columns))
-    if level and end >= np.max(bins.frequency[bins.weight > 0.0]):
-        return whole
-    weight = bins.weight * (bins.frequency <= end * (1 + 1e-6))
-    return _fitted(_without(bins._replace(weight=weight), columns, "Q"), group)._replace(cut=True)
-
-
-def _search(bins: Bins, count: int) -> tuple[float, bool]:
-    """Find the upper end of the band in Hz, and whether white noise is level up to there.
 
     It is the highest end below which the spectrum of four octaves is N^2 + c s^2 + b/s + k/s^2, first with c of quantisation noise and to
     1 %, then with c of either sign and to 3 %, since a filter is rarely of the second order. Means over thirds of octaves are compared,
     without the third that fits worst.
     """
-    used = bins.weight > 0
-    frequency, weight = bins.frequency[used], bins.weight[used]
+    used = weight > 0
+    frequency, density, weight = frequency[used], density[used], weight[used]
     third = np.floor(3.0 * np.log2(frequency.max() / frequency) + 1e-9).astype(int)  # counted from the top
     total = np.bincount(third, weight)
     there = np.flatnonzero(total)
-    level, at = (np.bincount(third, weight * values[used])[there] / total[there] for values in (bins.density, bins.frequency))
+    level, at = (np.bincount(third, weight * values)[there] / total[there] for values in (density, frequency))
     s = np.sin(0.5 * np.pi * at / frequency.max())
     columns = np.stack([np.ones_like(s), s**2, 1.0 / s, 1.0 / s**2], axis=1) / level[:, None]
     width, ends = 3 * _OCTAVES, frequency.max() * 2.0 ** (-there / 3.0)
@@ -167,21 +180,17 @@ def _search(bins: Bins, count: int) -> tuple[float, bool]:
             if chance(misfit, width - 5.0) >= _REFUSED:
                 lower = ends[i] * 2.0**-_MARGIN
                 enough = i > 0 and np.sum(frequency <= lower) >= count + _FEWEST
-                return float(lower if enough else ends[i]), not free.any()
+                return float(lower if enough else ends[i]) if i or free.any() else np.inf
         if below[i] < count + _FEWEST:
             break
-    return float(frequency.max()), True
+    return np.inf
 
 
-def groups_of(weight: AnyArray, ordinates: int) -> Int[np.ndarray, " bins"]:
+def groups_of(weight: AnyArray) -> Int[np.ndarray, "channels bins"]:
     """The group to which each bin belongs in the test of the goodness of fit."""
-    edges = np.append(_FIRST[1:], np.geomspace(_FIRST[-1], max(ordinates, _FIRST[-1] + 1), _GROUPS - len(_FIRST) + 1)[1:-1])
-    return np.searchsorted(edges, np.cumsum(weight) - 0.5 * np.asarray(weight))
-
-
-def _without(bins: Bins, columns: tuple[Term, ...], name: str) -> Bins:
-    """The bins without a term: its column is set to zero, and its coefficient is then zero in a fit."""
-    return bins._replace(columns=bins.columns * np.array([term.name != name for term in columns]))
+    total, middle = np.sum(weight, axis=1), np.cumsum(weight, axis=1) - 0.5 * weight
+    later = [np.geomspace(_FIRST[-1], max(int(one), _FIRST[-1] + 1), _GROUPS - len(_FIRST) + 1)[1:-1] for one in total]
+    return np.array([np.searchsorted(np.append(_FIRST[1:], edges), one) for edges, one in zip(later, middle, strict=True)])
 
 
 def inside(bins: Bins, band) -> Bins:

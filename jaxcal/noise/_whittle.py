@@ -1,18 +1,25 @@
-"""Method "whittle": the channels of a sensor in, a `NoiseFit` for each out."""
+"""Method "whittle": the channels of sensors in, a `NoiseFit` for each out. All channels are fitted at once.
 
+1. Each record is transformed (`Observed`). 2. Its bins are fitted, for all channels together (`solve`). 3. Changes of the mean are looked
+for in the axes of each sensor, for all sensors together, and the channels of those that have some are fitted again. 4. The curve and the
+evenness in time of each record are measured. 5. Errors, limits and the rival follow, for all channels together.
+"""
+
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from .._answer import Finding
 from .._errors import DataError, FitError
-from .._frozen import replaced
+from .._frozen import made, replaced
 from .._message import Message
 from .._types import AnyArray
 from . import _findings
-from ._changes import Axis, Changes, find_changes, lowest_of
+from ._changes import Changes, Sensor, find_changes, lowest_of
 from ._compare import likeliest_time
 from ._errors import Widening, doubted, widening
-from ._likelihood import density, information, inverse
+from ._likelihood import information, inverse
 from ._limits import PRESENT, Limits, levels_of, profile_limits
 from ._measured import edf_of
 from ._observed import Observed, Regressors
@@ -26,24 +33,25 @@ from ._terms import GaussMarkov, Ramp, Term, is_sought
 _FAST = ("Q", "N", FILTER)  # terms that high frequencies determine, at which nothing else looks like them
 
 
-class Described(NamedTuple):
-    """A record under a model of its noise.
+class Channels(NamedTuple):
+    """Channels of one length under a model of their noise.
 
-    observed : its likelihood, with changes of the mean as regressors. solved : the fit. terms : those asked for, with the correlation time
-    of a process that was sought. changes : those of the mean.
+    observed : the likelihood of each, with changes of the mean as regressors. solved : their fit. terms : those asked for, with the
+    correlation time of a process that was sought. changes : those of the mean of each. sensors : the name of that of each; "" if unknown.
     """
 
-    observed: Observed
+    observed: list[Observed]
     solved: Solved
     terms: tuple[Term, ...]
-    changes: Changes = Changes()
+    sensors: list[str]
+    changes: list[Changes]
 
 
-def fit_axes(record: Record, asked: Asked) -> list[NoiseFit]:
-    """Fit the channels of a sensor by the likelihood of their samples.
+def fit_axes(records: Sequence[Record], asked: Asked) -> list[NoiseFit]:
+    """Fit the channels of sensors, all of one length and with equally many axes, by the likelihood of their samples.
 
-    Each channel has coefficients of its own. What changes the mean is looked for in all channels together, also across each stretch of
-    samples that was set aside.
+    Each channel has coefficients of its own. What changes the mean is looked for in all channels of a sensor together, also across each
+    stretch of samples that was set aside.
     """
     sought, ramps = ([term for term in asked.terms if kind(term)] for kind in (is_sought, lambda term: isinstance(term, Ramp)))
     base = tuple(term for term in asked.terms if term not in (*ramps, *sought))
@@ -52,163 +60,173 @@ def fit_axes(record: Record, asked: Asked) -> list[NoiseFit]:
             f"terms {tuple(one.name for one in asked.terms)!r}: a ramp, and one Gauss-Markov process without correlation time, are fitted "
             "beside other terms; add N"
         )
+    observed = [Observed(y, 1.0 / asked.rate, name) for one in records for y, name in zip(one.channels, one.names, strict=True)]
+    sensors = [one.sensor for one in records for _ in one.channels]
+    if ramps:  # a regressor beside the other terms
+        line = Regressors(np.arange(len(observed[0].y))[None, :] / asked.rate)
+        observed = [one.beside(line) for one in observed]
+    model = Channels(observed, solve(observed, base, asked.band), asked.terms, sensors, [Changes()] * len(observed))
+    if sought:  # each with a correlation time of its own
+        each = [Channels([one], model.solved.of([i]), *model[2:]) for i, one in enumerate(observed)]
+        return [fit for one in each for fit in _results(_with_process(one, base, asked), asked)]
+    return _results(model if ramps else _with_changes(model, records, base, asked), asked)
+
+
+def _with_process(plain: Channels, base: tuple[Term, ...], asked: Asked) -> Channels:
+    """A channel with the Gauss-Markov process asked for, at its likeliest correlation time."""
+    time = likeliest_time(plain.solved, 1.0 / asked.rate, asked.duration)
+    terms = tuple(GaussMarkov(time=time, name=term.name) if is_sought(term) else term for term in asked.terms)
+    process = tuple(term for term, sought in zip(terms, asked.terms, strict=True) if is_sought(sought))
+    return plain._replace(solved=solve(plain.observed, (*base, *process), asked.band), terms=terms)
+
+
+def _with_changes(plain: Channels, records: Sequence[Record], base: tuple[Term, ...], asked: Asked) -> Channels:
+    """The channels with what changes their mean, if anything does."""
+    observed, solved, dt, n = list(plain.observed), plain.solved, 1.0 / asked.rate, len(plain.observed[0].y)
+    slow, axes = np.array([name not in _FAST for name in solved.names]), len(records[0].channels)
+    walk = np.array([name == "K" for name in solved.names])[slow]
+    theta = (solved.theta * solved.bins.unit[:, None]).reshape(len(records), axes, -1)
+    places, sensors = np.arange(len(observed)).reshape(-1, axes), []
+    for record, own, rows in zip(records, theta, places, strict=True):
+        warmth = record.temperature
+        known = warmth is not None and np.all(np.isfinite(warmth)) and np.ptp(warmth) > 0.0
+        joints = [0.5 * (first + last) * dt for first, last in record.aside or ()]
+        sensors.append(Sensor([observed[i].drawn for i in rows], own, joints, np.asarray(warmth, dtype=float) if known else None))
+    changes = find_changes(sensors, lowest_of(n, dt, solved.columns), slow, walk, dt)
+    changed = [i for i, one in enumerate(changes) if one.fitted]
+    for i in changed:
+        functions = [change.columns(np.arange(n) * dt).T for change in changes[i].fitted]
+        count = [len(one) for one in functions]
+        groups, shares = np.repeat(np.arange(len(count)), count), np.repeat(changes[i].shares, count)
+        regressors = Regressors(np.concatenate(functions), groups, shares)
+        for k in places[i]:
+            observed[k] = observed[k].beside(regressors)
+    if len(rows := places[changed].ravel()):
+        solved.put(rows, solve([observed[k] for k in rows], base, asked.band, solved.of(rows)))
+    return plain._replace(observed=observed, changes=[one for one in changes for _ in range(axes)])
+
+
+def _results(model: Channels, asked: Asked) -> list[NoiseFit]:
+    """Coefficients, intervals and findings of each channel."""
+    observed, solved = model.observed, model.solved
+    if not (np.all(np.isfinite(solved.theta)) and np.all(np.isfinite(solved.cost))):
+        raise FitError(Message("the fit gave no finite coefficients; give fewer {option.terms} or another {option.band}"))
+    dt, names, bins = observed[0].dt, solved.names, solved.bins
+    curves = zip(observed, model.changes, solved.end, strict=True)
+    begun = [asked.begin(one.drawn if changes.fitted else one.filled, end) for one, changes, end in curves]
+    wider = widening(solved, dt, (one.spectrum() for one in observed))
+    for i, one in enumerate(observed):
+        if len(one.doubts):
+            doubt = doubted(solved.of([i]), one.doubts / bins.unit[i])
+            # the search holds the fast terms, which no change of the mean looks like
+            wider.factor[i] += np.where([name in _FAST for name in names], 0.0, doubt)
+    covariance, limits = _uncertainty(solved, wider.factor, asked.confidence)
+    scale = wider.factor[:, names.index("N")] if "N" in names else np.ones(len(observed))
+    rival = rival_of(solved, dt, asked.duration, levels_of(asked.confidence), scale)
+    limits, doubts = _beside(limits, names, rival)
+    edf = edf_of(asked.m, len(observed[0].y), bins.columns, rival.density, solved.theta, wider.factor)
+    squares = _squares(model, covariance, limits, asked.confidence)
+    spectra, kept = _spectra(solved), tuple(term.name for term in asked.terms if not is_sought(term))
     found = []
-    for y, name in zip(record.channels, record.names, strict=True):
-        try:
-            observed = Observed(y, 1.0 / asked.rate)
-            if ramps:  # a regressor beside the other terms
-                observed = observed.beside(Regressors(np.arange(len(y))[None, :] / asked.rate))
-            found.append(Described(observed, solve(observed, base, asked.band), asked.terms))
-        except DataError as error:
-            raise error.of(name) from None
-    if sought:
-        found = [_with_process(one, base, asked.band) for one in found]
-    elif not ramps:
-        found = _with_changes(found, base, asked, record)
-    return [_result(one, asked, record.sensor) for one in found]
-
-
-def _with_process(plain: Described, base: tuple[Term, ...], band) -> Described:
-    """The record with the Gauss-Markov process asked for, at its likeliest correlation time."""
-    dt = plain.observed.dt
-    time = likeliest_time(plain.solved.fitted, dt, len(plain.observed.y) * dt)
-    terms = tuple(GaussMarkov(time=time, name=term.name) if is_sought(term) else term for term in plain.terms)
-    process = tuple(term for term, asked in zip(terms, plain.terms, strict=True) if is_sought(asked))
-    return plain._replace(solved=solve(plain.observed, (*base, *process), band), terms=terms)
-
-
-def _with_changes(plain: list[Described], base: tuple[Term, ...], asked: Asked, record: Record) -> list[Described]:
-    """The records with what changes their mean, if anything does."""
-    dt, n = 1.0 / asked.rate, len(record.channels[0])
-    slow = np.array([name not in _FAST for name in plain[0].solved.names])
-    walk = np.array([name == "K" for name in plain[0].solved.names])[slow]
-    columns = lowest_of(n, dt, plain[0].solved.columns)
-    axes = [Axis(one.observed.drawn, columns, one.solved.fitted.theta * one.solved.bins.unit, slow, walk) for one in plain]
-    joints = [0.5 * (first + last) * dt for first, last in record.aside or ()]
-    warmth = record.temperature
-    known = warmth is not None and np.all(np.isfinite(warmth)) and np.ptp(warmth) > 0.0
-    changes = find_changes(axes, dt, joints, np.asarray(warmth, dtype=float) if known else None)
-    if not changes.fitted:
-        return [one._replace(changes=changes) for one in plain]
-    functions = [change.columns(np.arange(n) * dt).T for change in changes.fitted]
-    count = [len(one) for one in functions]
-    regressors = Regressors(np.concatenate(functions), np.repeat(np.arange(len(count)), count), np.repeat(changes.shares, count))
-    found = []
-    for one in plain:
-        observed = one.observed.beside(regressors)
-        found.append(one._replace(observed=observed, solved=solve(observed, base, asked.band, one.solved), changes=changes))
+    for i, (wait, used) in enumerate(begun):
+        curve = wait()  # of a record without gaps, which has differences at all cluster sizes
+        used[-1] |= not used.any()
+        lines = _lines(solved, i, asked.duration)
+        band = float(curve.tau[used].min()), float(curve.tau[used].max())
+        fit = assemble(
+            squares[0][i], squares[1][i], Limits._make(one[i] for one in squares[2]), model.terms, with_edf(curve, used, edf[i]),
+            asked.duration, sinusoid=lines, used=used, confidence=asked.confidence, method="whittle", goodness=float(solved.goodness[i]),
+            band=band, spectrum=spectra[i], events=_findings.events_of(model.changes[i].likely),
+        )  # fmt: skip
+        presence = fit.presence | dict.fromkeys(doubts[i], "hint")
+        # unevenness is said of the coefficients
+        said = [one for one in curve.findings if one.code != "uneven"]
+        said += _said(model, i, asked.duration, band, lines, wider, rival, doubts[i], presence.get("K") == "present")
+        found.append(replaced(fit, presence=presence, findings=tuple(said), terms=kept, covariance=fit.covariance[list(kept)]))
     return found
 
 
-def _result(model: Described, asked: Asked, sensor: str) -> NoiseFit:
-    """Coefficients, intervals and findings of a channel."""
-    observed, solved = model.observed, model.solved
-    fitted, names, dt = solved.fitted, solved.names, observed.dt
-    if not (np.all(np.isfinite(fitted.theta)) and np.isfinite(fitted.cost)):
-        raise FitError(Message("the fit gave no finite coefficients; give fewer {option.terms} or another {option.band}"))
-    wait, used = asked.begin(observed.drawn if model.changes.fitted else observed.filled, solved.end)
-    duration, unit = len(observed.y) * dt, float(solved.bins.unit)
-    wider = widening(fitted.bins, unit / dt, fitted.theta, names, observed.spectrum())
-    if len(observed.doubts):
-        doubt = doubted(fitted.bins, fitted.theta, observed.doubts / unit)
-        # the search holds the fast terms, which no change of the mean looks like
-        wider = wider._replace(factor=wider.factor + np.where([name in _FAST for name in names], 0.0, doubt))
-    covariance, limits = _uncertainty(solved, wider.factor, asked.confidence)
-    scale = float(wider.factor[names.index("N")]) if "N" in names else 1.0
-    rival = rival_of(fitted, names, dt, duration, levels_of(asked.confidence), scale)
-    limits, doubts = _beside(limits, [names[i] for i in solved.own], rival)
-    curve = wait()
-    used = used[np.isin(asked.m, curve.m)]
-    used[-1] |= not used.any()
-    fit = assemble(
-        *_squares(solved, covariance, limits, model.terms, observed, asked.confidence), model.terms, curve, duration,
-        sinusoid=_lines(model), used=used, confidence=asked.confidence, method="whittle", goodness=fitted.goodness,
-        band=(float(curve.tau[used].min()), float(curve.tau[used].max())),
-    )  # fmt: skip
-    curve = with_edf(curve, used, edf_of(curve, len(observed.y), fitted.bins, rival.density, fitted.theta, wider.factor))
-    fit = replaced(fit, presence=fit.presence | dict.fromkeys(doubts, "hint"), deviation=curve, spectrum=_fitted_spectrum(solved))
-    fit = replaced(fit, findings=_said(fit, model, wider, rival, doubts, sensor), events=_findings.events_of(model.changes.likely))
-    kept = tuple(term.name for term in asked.terms if not is_sought(term))
-    return replaced(fit, terms=kept, covariance=fit.covariance[list(kept)])
-
-
 def _uncertainty(solved: Solved, widened: AnyArray, confidence: float) -> tuple[AnyArray, Limits]:
-    """Covariance of the squared coefficients (inverse Fisher information), and profile-likelihood limits of those that are known.
+    """Covariances of the squared coefficients (inverse Fisher information), and profile-likelihood limits, (channels, p), of those known.
 
-    Every variance is multiplied by `widened`, (p,), and the likelihood ratio of its profile is divided by it.
+    Every variance is multiplied by `widened`, (channels, p), and the likelihood ratio of its profile is divided by it.
     """
-    fitted, own = solved.fitted, solved.own
-    covariance = inverse(information(fitted.bins, fitted.theta))
-    levels = (level * widened[own] for level in levels_of(confidence))
-    limits = profile_limits(fitted.bins, fitted.theta, fitted.cost, covariance, own, *levels)
-    return covariance * np.sqrt(np.outer(widened, widened)), limits._replace(significance=limits.significance / widened[own])
+    lanes = np.nonzero(solved.own)
+    covariance = inverse(information(solved.bins.columns, solved.weight, solved.theta, solved.among))
+    levels = (level * widened[lanes] for level in levels_of(confidence))
+    found = profile_limits(solved.bins, solved.weight, (solved.theta, solved.cost, covariance), ~solved.among, lanes, *levels)
+    limits = Limits._make(np.full(widened.shape, unknown) for unknown in (0.0, np.inf, np.inf, 0.0))
+    for whole, part in zip(limits, found, strict=True):
+        whole[lanes] = part
+    root = np.sqrt(widened)
+    return covariance * (root[:, :, None] * root[:, None, :]), limits._replace(significance=limits.significance / widened)
 
 
-def _beside(limits: Limits, own: list[str], rival: Rival) -> tuple[Limits, list[str]]:
-    """Limits of terms that hold under the rival too, and the terms that are hints at most, because it is another spectrum."""
-    low, high, upper = rival.white or (np.inf, 0.0, 0.0)
-    white, slow = (np.array([name in some for name in own]) for some in (("N",), ("B", "K")))
-    doubts = [name for name, rise in zip(own, limits.significance * slow, strict=True) if rival.left == 0.0 and rise > PRESENT]
-    low = np.where(white, np.minimum(limits.low, low), limits.low * np.where(slow, rival.left, 1.0))
-    high, upper = (np.where(white, np.maximum(one, other), one) for one, other in ((limits.high, high), (limits.upper, upper)))
-    return Limits(low, high, upper, limits.significance), doubts
+def _beside(limits: Limits, names: Sequence[str], rival: Rival) -> tuple[Limits, list[list[str]]]:
+    """Limits of terms that hold under the rival too, and the terms of each channel that are hints at most: it is another spectrum."""
+    slow = np.array([name in ("B", "K") for name in names])
+    doubts = slow & (rival.left[:, None] == 0.0) & (limits.significance > PRESENT)
+    low, high, upper = limits.low * np.where(slow, rival.left[:, None], 1.0), limits.high.copy(), limits.upper.copy()
+    if rival.white is not None:
+        i = names.index("N")
+        low[:, i] = np.minimum(low[:, i], rival.white[:, 0])
+        high[:, i], upper[:, i] = np.maximum(high[:, i], rival.white[:, 1]), np.maximum(upper[:, i], rival.white[:, 2])
+    return Limits(low, high, upper, limits.significance), [[names[k] for k in np.flatnonzero(one)] for one in doubts]
 
 
-def _said(fit: NoiseFit, model: Described, wider: Widening, rival: Rival, doubts: list[str], sensor: str) -> tuple:
+def _said(
+    model: Channels, i: int, duration: float, band, lines, wider: Widening, rival: Rival, doubts: list[str], walks: bool
+) -> tuple[Finding, ...]:
     """What to know about a channel."""
-    observed, fitted = model.observed, model.solved.fitted
-    duration = len(observed.y) * observed.dt
-    shortest = float(fit.band[0]) if fitted.cut and "Q" in fit.terms else None
+    observed, changes, solved = model.observed[i], model.changes[i], model.solved
+    shortest = band[0] if solved.cut[i] and "Q" in (term.name for term in model.terms) else None
     return (
-        *(one for one in getattr(fit.deviation, "findings", ()) if one.code != "uneven"),  # said of the coefficients
-        *_findings.of_model(fitted.misfit, shortest),
-        *(() if model.solved.off < SETTLED else [_findings.FINDINGS("unsettled", cost=float(np.hypot(1.0, model.solved.off)))]),
-        *_findings.of_lines(_lines(model)),
-        *_findings.of_changes(model.changes, observed.factors, observed.covariance, sensor or "ratio", duration),
-        *_findings.of_widening(wider, model.solved.names, duration),
-        *_findings.of_doubts(doubts, rival, model.changes.instead if fit.presence.get("K") == "present" else None),
+        *_findings.of_model(float(solved.misfit[i]), shortest),
+        *(() if solved.off[i] < SETTLED else [_findings.FINDINGS("unsettled", cost=float(np.hypot(1.0, solved.off[i])))]),
+        *_findings.of_lines(lines),
+        *_findings.of_changes(changes, observed.factors, observed.covariance, model.sensors[i] or "ratio", duration),
+        *_findings.of_widening(wider.factor[i], wider.loudest[i], model.solved.names, duration),
+        *_findings.of_doubts(doubts, float(rival.apart[i]), changes.instead if walks else None),
     )
 
 
-def _lines(model: Described) -> list[tuple[float, float]]:
-    """(amplitude, frequency in Hz) of the spectral lines in the band."""
-    solved = model.solved
-    lines = amplitudes(
-        solved.bins, solved.lines >= LINE, density(solved.bins.columns, solved.fitted.theta), len(model.observed.y) * model.observed.dt
-    )
-    return [line for line in lines if line[1] <= solved.end]
+def _lines(solved: Solved, i: int, duration: float) -> list[tuple[float, float]]:
+    """(amplitude, frequency in Hz) of the spectral lines in the band of a channel."""
+    lines = amplitudes(solved.bins.of(i), solved.lines[i] >= LINE, solved.level[i], duration)
+    return [line for line in lines if line[1] <= solved.end[i]]
 
 
-def _fitted_spectrum(solved: Solved) -> FittedSpectrum:
-    """Bins of the record and the model there. Bins without an ordinate and those of spectral lines are left out."""
-    bins = solved.bins
-    kept = (bins.weight > 0) & (bins.density > 0) & (solved.lines < LINE)
-    model = density(solved.fitted.bins.columns, solved.fitted.theta)
-    used = solved.fitted.bins.weight > 0
-    frequency, level, model, edf, used = (
-        np.asarray(values)[kept] for values in (bins.frequency, bins.density * bins.unit, model * bins.unit, bins.weight, used)
-    )
-    columns = {name: np.asarray(bins.columns)[kept, i] for i, name in enumerate(solved.names) if name != FILTER}
-    return FittedSpectrum(frequency=frequency, density=level, model=model, edf=edf, used=used, columns=columns)
+def _spectra(solved: Solved) -> list[FittedSpectrum]:
+    """Bins of each record and the model there. Bins without an ordinate and those of spectral lines are left out."""
+    bins, names = solved.bins, solved.names
+    kept, used = (bins.weight > 0) & (bins.density > 0) & (solved.lines < LINE), solved.weight > 0
+    level, model = bins.density * bins.unit[:, None], solved.level * bins.unit[:, None]
+    found = []
+    for i, here in enumerate(kept):
+        columns = {name: bins.columns[here, k] for k, name in enumerate(names) if name != FILTER}
+        found.append(made(
+            FittedSpectrum, frequency=bins.frequency[here], density=level[i, here], model=model[i, here], edf=bins.weight[i, here],
+            used=used[i, here], columns=columns,
+        ))  # fmt: skip
+    return found
 
 
-def _squares(solved: Solved, covariance, limits: Limits, terms: tuple[Term, ...], observed: Observed, confidence: float):
-    """Squared coefficients in SI units in the order of `terms`, their covariance and limits.
+def _squares(model: Channels, covariance: AnyArray, limits: Limits, confidence: float) -> tuple[AnyArray, AnyArray, Limits]:
+    """Squared coefficients of each channel in SI units in the order of the terms, their covariance and limits.
 
     The slope of a ramp is the only factor of the mean. What the record does not determine is zero without an upper limit.
     """
-    asked = [term.name for term in terms]
-    p, names, unit = len(asked), solved.names, float(solved.bins.unit)
-    own = solved.own
-    where = [asked.index(names[i]) for i in own]
-    squares, spread = np.zeros(p), np.zeros((p, p))
-    ends = np.repeat([[0.0], [np.inf], [np.inf], [0.0]], p, axis=1)
-    squares[where], spread[np.ix_(where, where)] = solved.fitted.theta[own] * unit, covariance[np.ix_(own, own)] * unit**2
-    ends[:, where] = limits.scaled(unit)
+    solved, asked = model.solved, [term.name for term in model.terms]
+    own, unit = solved.own, solved.bins.unit[:, None]
+    limits, place = limits.scaled(unit), [solved.names.index(name) if name != "R" else 0 for name in asked]
+    squares, spread = (solved.theta * unit * own)[:, place], covariance * unit[:, :, None] ** 2 * (own[:, :, None] & own[:, None, :])
+    spread, ends = spread[:, place][:, :, place], np.array(limits)[:, :, place]
     if "R" in asked:
-        i, slope, error = asked.index("R"), float(observed.factors[0]), float(observed.covariance[0, 0]) ** 0.5
-        squares[i], spread[i, i] = slope**2, (2.0 * slope * error) ** 2
+        i, observed = asked.index("R"), model.observed
+        slope, error = np.array([one.factors[0] for one in observed]), np.array([one.covariance[0, 0] for one in observed]) ** 0.5
+        spread[:, i], spread[:, :, i] = 0.0, 0.0
+        squares[:, i], spread[:, i, i] = slope**2, (2.0 * slope * error) ** 2
         # the slope is a linear function of the record, and therefore normal
         away, (both, one) = abs(slope), (np.sqrt(level) * error for level in levels_of(confidence))
-        ends[:, i] = max(away - both, 0.0) ** 2, (away + both) ** 2, (away + one) ** 2, (slope / error) ** 2
+        ends[:, :, i] = np.maximum(away - both, 0.0) ** 2, (away + both) ** 2, (away + one) ** 2, (slope / error) ** 2
     return squares, spread, Limits(*ends)
