@@ -67,7 +67,7 @@ def fit_axes(records: Sequence[Record], asked: Asked) -> list[NoiseFit]:
         observed = [one.beside(line) for one in observed]
     model = Channels(observed, solve(observed, base, asked.band), asked.terms, sensors, [Changes()] * len(observed))
     if sought:  # each with a correlation time of its own
-        each = [Channels([one], model.solved.of([i]), *model[2:]) for i, one in enumerate(observed)]
+        each = [Channels([one], model.solved.of([i]), asked.terms, sensors[i : i + 1], [Changes()]) for i, one in enumerate(observed)]
         return [fit for one in each for fit in _results(_with_process(one, base, asked), asked)]
     return _results(model if ramps else _with_changes(model, records, base, asked), asked)
 

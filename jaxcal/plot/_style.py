@@ -12,7 +12,7 @@ import numpy as np
 from .._errors import DataError, ExportError
 from .._files import write_atomically
 from .._types import Checked
-from .._units import noise_factor, noise_units
+from .._units import noise_factor, noise_units, unit_label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
