@@ -25,7 +25,7 @@ from ._export import FILES
 from ._flown import each, flown, of_place
 from ._outputs import FINDINGS, standard
 from ._screen import Screen
-from ._shots import NO_TIMES, Shots, ready, shots
+from ._shots import COUNTS, NO_TIMES, Shots, ready, shots
 from ._work import carry_out
 
 _MICRO = 1e-6
@@ -200,9 +200,13 @@ def _wanted(model: str) -> Any:
 
 def _noted(said: list[str], compass: str, log: Any) -> Any:
     """The log with notes on how the command read it, and the name of the compass of a flight."""
-    named = {"quantity": f"magnetometer {compass}"} if compass else {}
+    named: dict[str, Any] = {"quantity": f"magnetometer {compass}"} if compass else {}
+    found = log.findings
+    if COUNTS in said:  # which the reader takes as tesla
+        named["units"] = {**log.provenance["units"], "mag": "counts"}
+        found = tuple(one for one in found if (one.code, one.subject) != ("read_as", ("mag",)))
     return log._replaced(
-        findings=(*log.findings, *(FINDINGS("no_times" if one == NO_TIMES else "read_so", said=one) for one in said)),
+        findings=(*found, *(FINDINGS("no_times" if one == NO_TIMES else "read_so", said=one) for one in said)),
         provenance={**log.provenance, **named},
     )
 

@@ -9,7 +9,7 @@ from ._readings import column_of
 
 _SMALL = 5_000_000  # bytes
 NO_TIMES = "there are no times, and a fit of norms needs none: the rows count as 1 s apart; give them with --rate"
-_COUNTS = "whole numbers without a unit are counts, and so are all results; give it with --units mag=uT"
+COUNTS = "whole numbers without a unit are counts, and so are all results; give it with --units mag=uT"
 
 
 class Shots(NamedTuple):
@@ -57,7 +57,7 @@ def ready(path: Path, reading: Reading, needs_time: bool) -> tuple[Reading, list
 
     if not path.is_file() or path.stat().st_size > _SMALL:
         return reading, []
-    for units, said in ((reading.units, []), (in_counts(reading, "mag").units, [_COUNTS])):
+    for units, said in ((reading.units, []), (in_counts(reading, "mag").units, [COUNTS])):
         tried = dataclasses.replace(reading, units=units)
         try:
             log = read_log(path, tried, "mag")

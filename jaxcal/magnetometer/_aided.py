@@ -253,8 +253,7 @@ def solved(
     lag, spread, sigma, converged = np.zeros(4), _SOFT, np.full(2, max(noise, EXACT)), False
     # `odd` takes C to the small rotation vector in C base'
     turned, odd = _TURNED if at.rotated else _SYMMETRIC, held @ (skew(np.eye(3)) @ base).reshape(3, 9) / 2
-    turn = 0
-    while True:
+    for turn in range(ROUNDS):
         if data.kind == "rates" and (turn == 0 or np.any(p[_LAG])):
             lag, p[_LAG] = lag + p[_LAG], 0.0
             data.turned(lag)
@@ -282,8 +281,7 @@ def solved(
         if not np.isfinite(p).all() or not np.isfinite(sigma).all():
             return None
         converged = bool(turn > 2 and np.abs(step / error).max() < SETTLED and np.abs(sigma / last - 1).max() < 0.01)
-        turn += 1
-        if converged or turn == ROUNDS:
+        if converged:
             break
     # a matrix that mirrors is no sensor: the attitudes contradict the readings
     matrix = p[_C].reshape(3, 3)

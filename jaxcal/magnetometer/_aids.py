@@ -78,8 +78,7 @@ class Alignment(Result):
 
     def sections(self) -> list[Section]:
         """Angle, dip, scatter, delay."""
-        vector = self.vector
-        along = vector / self.angle if self.angle > 1e-12 else np.full(3, 3**-0.5)
+        along = self.vector / self.angle if self.angle > 1e-12 else np.full(3, 3**-0.5)
         off, late = NORMAL95 * float(np.sqrt(max(along @ self.covariance @ along, 0.0))), NORMAL95 * self.delay_error
         rows = {
             "rotation": Number("angle", self.angle, self.angle - off, self.angle + off, "angle"),

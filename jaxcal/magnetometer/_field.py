@@ -227,11 +227,9 @@ def scenario(name: str, *, samples: int | None = None, elevation: float = np.deg
     ----------
     The magnetometer paper, section IV.
     """
-    if name not in _SAMPLES:
-        raise DataError(f"There is no scenario {name!r}; known are {', '.join(map(repr, _SAMPLES))}.")
-    count = _SAMPLES[name] if samples is None else int(samples)
-    if count < 1:
-        raise DataError(f"A scenario of {count} samples was asked for; it needs at least one.")
+    count = _SAMPLES.get(name, 0) if samples is None else int(samples)
+    if name not in _SAMPLES or count < 1:
+        raise DataError(f"There is no scenario {name!r} of {count} samples; known are {', '.join(map(repr, _SAMPLES))}, of one or more.")
     if name == "all":
         rng = np.random.default_rng(seed)
         azimuth, bank = rng.uniform(0, 2 * np.pi, count), rng.uniform(-np.pi, np.pi, count)
@@ -288,8 +286,8 @@ def heading(m: Samples, accel: Samples, *, declination: float = 0.0) -> AnyArray
         raise DataError(f"The field has shape {m.shape} and the specific force {accel.shape}; both must be (3,) or (n, 3).")
     angle = _heading(m, accel, jnp.asarray(declination, dtype=m.dtype))
     if not is_traced(m, accel) and (lost := int(np.isnan(angle).sum())):
-        why = "in free fall, or within 10 degrees of a magnetic pole"
-        warnings.warn(f"{lost} of {angle.size} headings are NaN: {why}, there is none.", UserWarning, stacklevel=3)
+        said = f"{lost} of {angle.size} headings are NaN: in free fall, or within 10 degrees of a magnetic pole, there is none."
+        warnings.warn(said, UserWarning, stacklevel=3)
     return angle
 
 

@@ -112,10 +112,10 @@ def fit(
     picked = chosen(asked.m[asked.there], "symmetric" if asked.parts is not None else asked.model if asked.traced else "")
     surface = surface_of(asked, picked)
     surface = beside(asked, surface)
-    known = judged(asked, surface)
+    kind = "none" if surface.model is None else surface.joint or surface.found.kind
     return MagFit(
-        surface.model, known.estimate, known.heading_error, surface.field, surface.noise, surface.residual, surface.dip,
-        "joint" if surface.joint else method, surface.kind, surface.down, surface.alignment, findings=known.findings, _about=known.about,
+        model=surface.model, field=surface.field, noise=surface.noise, residual=surface.residual, inclination=surface.dip, kind=kind,
+        method="joint" if surface.joint else method, down=surface.down, alignment=surface.alignment, **judged(asked, surface),
     )  # fmt: skip
 
 
@@ -126,8 +126,8 @@ def _asked(
     m, force = _readings(source)
     own = isinstance(model, MagModel)
     if is_traced(m, field):
-        host = {"method": method != "ml", "field_error": field_error, "aid": aid, "currents": currents,
-                "conditions": conditions and not own}  # fmt: skip
+        kept = conditions if not own else None
+        host = {"method": method != "ml", "field_error": field_error, "aid": aid, "currents": currents, "conditions": kept}
         return _in_trace(m, model, field, inclination, conditions or {}, [name for name, given in host.items() if given])
     there = np.isfinite(m).all(axis=1) if m.ndim == 2 else np.zeros(0, dtype=bool)
     if m.ndim != 2 or m.shape[1] != 3 or not len(m):

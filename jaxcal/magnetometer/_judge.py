@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -24,24 +24,16 @@ _OPEN = ("not_judged", "undetermined", "near_planar", "no_ellipsoid", "not_conve
 TILT = np.deg2rad(20.0)  # of a vehicle that brakes or banks
 
 _GOOD = FINDINGS["heading"].limits[0]
+Change = Callable[[Any, Any], Any]
 
 
-class Judged(NamedTuple):
-    """The parameters with their covariance, the heading error (2,) at level and tilted, the findings, and numbers of the fit."""
-
-    estimate: Estimate
-    heading_error: Any
-    findings: tuple[Finding, ...]
-    about: dict[str, Any]
-
-
-def judged(asked: Asked, surface: Surface) -> Judged:
-    """What is known, with its heading error and findings. In a trace nothing is judged."""
+def judged(asked: Asked, surface: Surface) -> dict[str, Any]:
+    """Fields of the fit: its parameters with their covariance, the heading error, and the findings. In a trace nothing is judged."""
     model, field, host = surface.model, surface.field, not asked.traced
     if model is None:
-        return Judged(Estimate((), np.zeros(0), np.zeros((0, 0))), np.full(2, np.inf), surface.said, {})
-    larger, said = surface.larger, list(surface.said)
-    held = asked.norm is not None or surface.usual is not None
+        none = Estimate((), np.zeros(0), np.zeros((0, 0)))
+        return {"estimate": none, "heading_error": np.full(2, np.inf), "findings": surface.said}
+    said, held = list(surface.said), asked.norm is not None or surface.usual is not None
     matrices = [surface.matrix, *(np.outer(cause.step, cause.step) for cause in surface.causes)]
     matrices = [_of_iron(model, field, held, one) for one in matrices]
     spread = matrices[0] if surface.spread is None else _of_iron(model, field, held, surface.spread)
@@ -50,25 +42,18 @@ def judged(asked: Asked, surface: Surface) -> Judged:
     quantity = quantity_of(np.nanmedian(np.abs(asked.m)) if host else field)
     estimate = _estimated(model, field, quantity, spread, surface.freedom, surface.further or {}, held)
     about = {"used": len(surface.rows if surface.joint else surface.m)} | ({} if surface.usual is None else {"usual": surface.usual})
-    if not host:
-        return Judged(estimate, error, tuple(said), about)
-    if not surface.joint:
+    if host and not surface.joint:
         condition, weakest = _weakest(surface)
-        wide = (
-            0.0
-            if larger is None
-            else heading_errors(
-                by_iron(larger.model, larger.field), surface.dip, None, [_of_iron(larger.model, larger.field, False, larger.matrix)]
-            )[0][0]
-        )
-        said += _of_magnitudes(asked, surface, condition, weakest, float(error[0]), float(wide))
+        said += _of_magnitudes(asked, surface, condition, weakest, float(error[0]))
         about["condition"] = condition
-    size = field if surface.joint else surface.radius * surface.scale
-    said += _causes(surface, costs)
-    said += _about_residuals(surface.residual / size, float(surface.noise / size), surface.parts)
+    if host:
+        about["corrected"] = surface.corrected
+        size = field if surface.joint else surface.radius * surface.scale
+        said += _causes(surface, costs)
+        said += _about_residuals(surface.residual / size, float(surface.noise / size), surface.parts)
     if not any(one.code in _OPEN for one in said):
         said += _about_heading(surface, spread, float(error[0]))
-    return Judged(estimate, error, tuple(said), about | {"corrected": surface.corrected})
+    return {"estimate": estimate, "heading_error": error, "findings": tuple(said), "_about": about}
 
 
 def _of_iron(model: MagModel, field: Any, given: bool, covariance: Any) -> Any:
@@ -125,9 +110,9 @@ def _causes(surface: Surface, costs: Sequence[Any]) -> list[Finding]:
     return said
 
 
-def _of_magnitudes(asked: Asked, surface: Surface, condition: float, weakest: str, error: float, wide: float) -> list[Finding]:
-    """What to know about a surface of magnitudes: structure, size, and how certain its noise is. wide : error of a larger model."""
-    found, size, norm = surface.found, float(surface.radius * surface.scale), asked.norm
+def _of_magnitudes(asked: Asked, surface: Surface, condition: float, weakest: str, error: float) -> list[Finding]:
+    """What to know about a surface of magnitudes: structure, size, and how certain its noise is."""
+    larger, found, size, norm = surface.larger, surface.found, float(surface.radius * surface.scale), asked.norm
     said: list[Finding] = []
     if extents(Frame.of(surface.m).in_frame(surface.m))[-1] < NEAR_PLANAR:
         said.append(FINDINGS("near_planar"))
@@ -135,7 +120,8 @@ def _of_magnitudes(asked: Asked, surface: Surface, condition: float, weakest: st
         said.append(FINDINGS("undetermined", what=weakest))
     elif not found.converged:
         said.append(FINDINGS("not_converged", what=weakest))
-    if not wide <= _GOOD:
+    known = None if larger is None else _of_iron(larger.model, larger.field, False, larger.matrix)
+    if known is not None and not heading_errors(by_iron(larger.model, larger.field), surface.dip, None, [known])[0][0] <= _GOOD:
         said.append(FINDINGS("small_model", what="a full soft iron matrix", model=found.kind))
     said += FINDINGS.over("field_differs", abs(np.log(size / norm)), found=size, given=norm) if norm else []
     # the noise of few white readings is uncertain itself: Student's distribution has the wider error
@@ -183,9 +169,7 @@ def levelled(down: Any) -> np.ndarray:
     return 2 * both[:, :, None] * both[:, None, :] - np.eye(3)
 
 
-def heading_slopes(
-    change: Callable[[Any, Any], Any], dip: float, down: AnyArray | None = None, tilt: float = 0.0, headings: AnyArray = HEADINGS
-) -> Any:
+def heading_slopes(change: Change, dip: float, down: Any = None, tilt: float = 0.0, headings: AnyArray = HEADINGS) -> Any:
     """Derivative (m, p) of headings by parameters: for each `down`, each direction of tilt, and each heading, which is the last in m.
 
     change : takes vectors (n, 3) and unit fields in body axes (n, 3) to the change of the corrected fields along these vectors with the
@@ -196,7 +180,7 @@ def heading_slopes(
     return change((-east / np.cos(dip) @ turns).reshape(-1, 3), directions.reshape(-1, 3))
 
 
-def heading_errors(change: Callable[[Any, Any], Any], dip: float, down: AnyArray | None, matrices: Sequence[Any]) -> list[Any]:
+def heading_errors(change: Change, dip: float, down: AnyArray | None, matrices: Sequence[Any]) -> list[Any]:
     """Root mean square heading errors (2,) in rad, at level and tilted, by each covariance of the parameters; infinite if that is."""
     xp, both, found = matrices[0].__array_namespace__(), [heading_slopes(change, dip, down, tilt) for tilt in (0.0, TILT)], []
     for covariance in matrices:
@@ -208,7 +192,7 @@ def heading_errors(change: Callable[[Any, Any], Any], dip: float, down: AnyArray
     return found
 
 
-def by_iron(model: Any, field: Any) -> Callable[[Any, Any], Any]:
+def by_iron(model: Any, field: Any) -> Change:
     """Change (n, 13) of corrected unit fields, along vectors, by hard iron, soft iron and field.
 
     With the whole matrix H C and its inverse W, u changes by -W db - H W dC u. A change of H turns no heading.
@@ -224,7 +208,7 @@ def by_iron(model: Any, field: Any) -> Callable[[Any, Any], Any]:
     return change
 
 
-def change_of(model: Any, field: Any, usual: dict[str, Any] | None) -> Callable[[Any, Any], Any]:
+def change_of(model: Any, field: Any, usual: dict[str, Any] | None) -> Change:
     """Change (n, p) of corrected unit fields, along vectors, by the first parameters of a fit; `usual`: conditions of a model object."""
     return by_iron(model, field) if usual is None else functools.partial(changes_of, model, field, usual)
 
@@ -307,7 +291,7 @@ def needed(model: Any, field: float, kind: str, covariance: np.ndarray) -> np.nd
 
     None, (0, 3), for a plane, or where the covariance is not known.
     """
-    if kind == "planar" or not np.isfinite(covariance).all():
+    if model is None or kind == "planar" or not np.isfinite(covariance).all():
         return np.zeros((0, 3))
     grid, chosen = sphere_grid(), []
     rows = distance_slopes(model, field, grid)

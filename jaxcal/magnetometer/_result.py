@@ -115,9 +115,7 @@ class MagFit(Result):
     @property
     def needed(self) -> np.ndarray:
         """(3, 3) unit vectors, in the corrected field's axes, in which further readings would help most; (0, 3) if unknown."""
-        return (
-            np.zeros((0, 3)) if self.model is None else needed(self.model, float(self.field), self.kind, np.asarray(self.estimate.matrix))
-        )
+        return needed(self.model, float(self.field), self.kind, np.asarray(self.estimate.matrix))
 
     def sections(self) -> list[Section]:
         """What corrects a reading, field and noise; then soft iron, heading error, coverage, rotation and check in detail."""
@@ -242,10 +240,9 @@ class Check(Result):
                                                         for name, x in zip(units, row, strict=True)))
             for i, (heading, *row) in enumerate(np.asarray(self.table))
         ]  # fmt: skip
-        columns = ("readings", "error (rad)", "scatter (rad)", "magnitude")
         return [
             listed("check", "check", [(label, one) for label, one in rows.items() if np.isfinite(one.value)]),
-            Grid("by_heading", "residuals by heading", columns, tuple(cells), detail=True),
+            Grid("by_heading", "errors by heading", ("readings", "error (rad)", "scatter (rad)", "magnitude"), tuple(cells), detail=True),
         ]
 
 

@@ -80,11 +80,6 @@ class Surface(NamedTuple):
     spread: Any = None
     alignment: Any = None
 
-    @property
-    def kind(self) -> str:
-        """The kind of the surface, or of the fit with a sensor beside it."""
-        return "none" if self.model is None else self.joint or self.found.kind
-
 
 def surface_of(asked: Asked, picked: Chosen) -> Surface:
     """The surface through the chosen readings, the finding why there is none, or their plane."""
@@ -168,11 +163,9 @@ def _fitted(asked: Asked, picked: Chosen, ready: Chosen) -> Surface:
     largest = fits.get("symmetric")
     if not auto or found is largest:
         return one
-    wide = one._replace(matrix=np.full((12, 12), np.inf))  # as long as the largest model is not known
-    if largest is not None and largest.converged:
-        wide = ellipsoid(largest, ready.frame, None)
-        wide = wide._replace(matrix=between(wide.slopes, largest.covariance))
-    return one._replace(larger=wide)
+    wide = ellipsoid(largest or found, ready.frame, None)
+    sure = largest is not None and largest.converged
+    return one._replace(larger=wide._replace(matrix=between(wide.slopes, np.where(sure, wide.found.covariance, np.inf))))
 
 
 def _smaller(full: Found, kind: str) -> tuple[np.ndarray, np.ndarray]:
