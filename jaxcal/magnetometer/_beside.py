@@ -232,8 +232,7 @@ def _usable(surface: Surface, given: bool) -> bool:
         return False
     # a change db + dM u of the reading of a unit field u, with M = C H, changes the corrected one by its product with M^-1; H turns nothing
     inverse, u = np.linalg.inv(surface.model.soft_iron * surface.field), unit(surface.corrected[surface.rows])
-    by_whole = (inverse[None, :, :, None] * u[:, None, None, :]).reshape(-1, 9)
-    by_whole = by_whole if given else by_whole - u.reshape(-1, 1) * inverse.T.ravel() / 3
+    by_whole = (inverse[None, :, :, None] * u[:, None, None, :]).reshape(-1, 9) - (not given) * u.reshape(-1, 1) * inverse.T.ravel() / 3
     rows = np.concatenate([by_whole, np.tile(inverse, (len(u), 1))], axis=1)
     return bool(3 * np.mean(np.sum((rows @ surface.matrix[:12, :12]) * rows, axis=1)) <= _LOOSE**2)
 

@@ -126,9 +126,9 @@ def _asked(
     m, force = _readings(source)
     own = isinstance(model, MagModel)
     if is_traced(m, field):
-        kept = conditions if not own else None
-        host = {"method": method != "ml", "field_error": field_error, "aid": aid, "currents": currents, "conditions": kept}
-        return _in_trace(m, model, field, inclination, conditions or {}, [name for name, given in host.items() if given])
+        host = zip(("method", "field_error", "aid", "currents", "conditions"),
+                   (method != "ml", field_error, aid, currents, None if own else conditions), strict=True)  # fmt: skip
+        return _in_trace(m, model, field, inclination, conditions or {}, [name for name, given in host if given])
     there = np.isfinite(m).all(axis=1) if m.ndim == 2 else np.zeros(0, dtype=bool)
     if m.ndim != 2 or m.shape[1] != 3 or not len(m):
         raise DataError(f"The readings have shape {m.shape}; expected (n, 3), one row per reading.", code="bad_shape")

@@ -65,8 +65,7 @@ class Moments:
         self._last, self._bins = np.full(3, np.nan), np.zeros(24, dtype=int)
         self.model: MagModel | None = None
         self.field = self.noise = self.heading_error = float("inf")
-        self.verdict = "refused"
-        self.reasons: tuple[str, ...] = ("few",)
+        self.verdict, self.reasons = "refused", ("few",)
 
     def add(self, m: Samples) -> int:
         """Admit readings (n, 3), or one of (3,), and return how many. Those that repeat or lie far from the running fit are left out."""

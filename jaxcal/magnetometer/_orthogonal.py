@@ -19,7 +19,7 @@ from ._quadric import basis_of
 _FOOT = 20  # most steps to a foot, which takes three near the surface
 CURVED = 0.02  # noise over radius above which the curvature term matters
 _STEPS = 128  # most of a fit
-SETTLED = 1e-5  # step in standard errors, and relative change of the noise, or of the degrees of freedom, that end the steps
+SETTLED = 1e-7  # step in standard errors, and relative change of the noise, or of the degrees of freedom, that end the steps
 SOFT = 0.4  # spread of the entries of a soft iron about a multiple of the identity: the paper's sensor, the strongest known, has 0.3
 
 

@@ -121,11 +121,8 @@ def _fitted(asked: Asked, picked: Chosen, ready: Chosen) -> Surface:
     Kinds need more distinct readings than parameters. Beside the fit by another method, that of maximum likelihood shows its bias.
     """
     u, auto, near = ready.frame.in_frame(ready.m), asked.method == "ml" and asked.model == "auto", ready.near
-    if asked.parts is not None:
-        surface, *begin = _object(asked, ready.m, ready.frame, near)
-        return _of_object(asked, surface, maximised(surface, *begin))
-    fits, full, count = {}, None, 0
-    kinds = [kind for kind in reversed(COUNT) if _distinct(picked.m) > COUNT[kind]] if auto else [asked.model]
+    fits, full, count, own = {}, None, 0, asked.parts is not None
+    kinds = [kind for kind in reversed(COUNT) if _distinct(picked.m) > COUNT[kind]] if auto else ["symmetric" if own else asked.model]
     ways = {"consistent": ["consistent"], "constrained": ["symmetric", "constrained"]}.get(asked.method, kinds)
     for way in ways:
         kind = way if way in COUNT else "symmetric"
@@ -140,7 +137,11 @@ def _fitted(asked: Asked, picked: Chosen, ready: Chosen) -> Surface:
             iron = begun(u, way) if near is None or way != kind else near
         except NotEllipsoid:
             continue
-        found = maximised(Ellipsoids.of(u, kind), quadric.parameters_of(kind, iron), 0.0 * u, way != kind)
+        begin = Ellipsoids.of(u, kind), quadric.parameters_of(kind, iron), 0.0 * u
+        begin = _object(asked, ready, iron) if own else begin
+        found = maximised(*begin, way != kind)
+        if own:
+            return _of_object(asked, begin[0], found)
         if not asked.traced and way == kind and not np.abs(found.parameters).max() < _FARTHEST:
             continue
         fits[way] = found
@@ -290,9 +291,10 @@ def _calmed(m: np.ndarray, frame: Frame, near: np.ndarray) -> tuple[np.ndarray, 
     return m, frame.scale * (surface.basis @ x) + np.append(np.zeros(9), frame.centre)
 
 
-def _object(asked: Asked, m: Any, frame: Frame, near: Any) -> tuple[Measured, Any, Any]:
+def _object(asked: Asked, ready: Chosen, near: Any) -> tuple[Measured, Any, Any]:
     """The surfaces of a model object; parameters to begin with, of the algebraic fit and its values, and unit fields (n, 3)."""
-    xp, kind, given = m.__array_namespace__(), m.dtype, asked.parts[0]
+    m, frame, given = ready.m, ready.frame, asked.parts[0]
+    xp, kind = m.__array_namespace__(), m.dtype
     left, _, right = xp.linalg.svd(given[:9].reshape(3, 3))
     turn, more, iron = left @ right, given.size - 12, frame.scale * near
     norm = radius_of(iron[:9].reshape(3, 3)) if asked.norm is None else asked.norm

@@ -47,7 +47,7 @@ def test_scenarios_are_those_of_the_paper():
     np.testing.assert_array_equal(everywhere, scenario("all", seed=0))
     with pytest.raises(DataError, match="no scenario 'thirteen'"):
         scenario("thirteen")
-    with pytest.raises(DataError, match="at least one"):
+    with pytest.raises(DataError, match="of 0 samples"):
         scenario("all", samples=0)
 
 
