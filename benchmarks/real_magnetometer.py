@@ -280,9 +280,12 @@ VEHICLES = {
 
 def on_level(runs):
     print("\n| actual / stated heading error, degrees | level | tilt 10 | tilt 20 |\n|---|---|---|---|")
+    ratios = []
     for name, case in VEHICLES.items():
         table = np.sqrt(np.mean(np.square([vehicle(case, seed) for seed in range(runs)]), axis=0))
+        ratios += [a / b for a, b in table.reshape(3, 2)]
         print(f"| {name} | " + " | ".join(f"{a:.2f} / {b:.2f}" for a, b in table.reshape(3, 2)) + " |", flush=True)
+    print(f"actual over stated: {', '.join(f'{one:.3f}' for one in ratios)}; from {min(ratios):.3f} to {max(ratios):.3f}")
 
 
 FLIGHTS = {
