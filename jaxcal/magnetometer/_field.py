@@ -61,12 +61,6 @@ def sphere_grid() -> np.ndarray:
     return grid
 
 
-@functools.cache
-def lattice() -> Any:
-    """The 500 points, to be asked for the nearest one."""
-    return scipy.spatial.KDTree(sphere_grid())
-
-
 def _edges() -> np.ndarray:
     """Heights of the upper edges of the zones, on a sphere of radius one."""
     return 1 - 2 * np.cumsum([0, *ZONES[:-1]]) / sum(ZONES)
@@ -132,7 +126,7 @@ def coverage(m: Samples) -> Coverage:
     directions = m / norm[:, None]
     counts = np.bincount(regions(directions), minlength=sum(ZONES))
     largest = float(np.max(scipy.spatial.KDTree(directions).query(sphere_grid())[0]))
-    occupied = len(np.unique(lattice().query(directions)[1])) / _GRID
+    occupied = len(np.unique(scipy.spatial.KDTree(sphere_grid()).query(directions)[1])) / _GRID
     return Coverage(counts, occupied, 2 * float(np.arcsin(min(largest / 2, 1.0))), middles()[counts == 0])
 
 

@@ -24,7 +24,7 @@ from ._orthogonal import Near, inverted, nearest, times
 HARD = tuple(f"hard_iron[{i}]" for i, _ in enumerate("xyz"))
 SOFT = tuple(f"soft_iron[{i},{j}]" for i, _ in enumerate("xyz") for j, _ in enumerate("xyz"))
 
-_ROWS = 512  # of a block: readings and directions of any number share one program
+ROWS = 512  # of a block: readings and directions of any number share one program
 _UNDONE = 1e-6  # relative error of a reading after `correct` and `measure`: far below the noise of any sensor
 
 
@@ -133,8 +133,8 @@ def looked(model: MagModel, leaves: Any, h: Any, field: Any, conditions: Any) ->
     if isinstance(h, jax.Array):
         return _looked(model, leaves, h, field, conditions)
     blocks = []
-    for first in range(0, len(h), _ROWS):
-        rows = np.minimum(np.arange(first, first + _ROWS), len(h) - 1)
+    for first in range(0, len(h), ROWS):
+        rows = np.minimum(np.arange(first, first + ROWS), len(h) - 1)
         there = {name: values[rows] for name, values in conditions.items()}
         blocks.append([np.asarray(part) for part in _looked(model, leaves, h[rows], np.float64(field), there)])
     return tuple(np.concatenate(parts)[: len(h)] for parts in zip(*blocks, strict=True))
