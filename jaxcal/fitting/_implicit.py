@@ -12,7 +12,8 @@ import jax.numpy as jnp
 def implicit(solver: Callable[..., Any], score: Callable[..., Any], *data: Any) -> Any:
     """`solver(*data)`: the root x of `score(x, further, *data)`, and what else a solver tells; only x has a derivative.
 
-    Items of a batch are solved one by one: each takes only its own steps, and batched routines of LAPACK that run side by side may hang.
+    On a processor the items of a batch are solved one by one: each takes only its own steps, and batched routines of LAPACK that run side
+    by side may hang. On a graphics card all take their steps together.
 
     Examples
     --------
@@ -23,7 +24,7 @@ def implicit(solver: Callable[..., Any], score: Callable[..., Any], *data: Any) 
     >>> print(jax.grad(root)(jnp.array([4.0])))
     [0.25]
     """
-    return jax.custom_batching.sequential_vmap(solver)(*data)
+    return (jax.custom_batching.sequential_vmap(solver) if jax.default_backend() == "cpu" else solver)(*data)
 
 
 @implicit.defjvp

@@ -73,9 +73,9 @@ def by_blocks(parts, missing, sizes, number, less, kind: Kind, rule: str, worker
         )
     found = []
     for first in range(0, len(sizes), MANY):
-        m, count = filled(sizes[first : first + MANY], number[first : first + MANY])
-        found.append(_group(parts, missing, m, count, less, kind, rule, workers, run))
-    total, count = (np.concatenate(values)[: len(sizes)] for values in zip(*found, strict=True))
+        some = slice(first, first + MANY)
+        found.append(_group(parts, missing, sizes[some], number[some], less, kind, rule, workers, run))
+    total, count = (np.concatenate(values) for values in zip(*found, strict=True))
     return total, count
 
 
@@ -89,6 +89,7 @@ def _group(parts, missing, sizes, number, less: int, kind: Kind, rule: str, work
     options = {"order": kind.difference, "rule": rule, "less": less}
     if jax.default_backend() != "cpu":  # a graphics card would start each block of each cluster size by itself
         return [np.asarray(found) for found in direct_sums(parts, missing, sizes, number, strided=False, **options)]
+    given, (sizes, number) = len(sizes), filled(sizes, number)
     blocks = -(-int(number[0]) // BLOCK)
     edges = [0, blocks]
     if workers > 1:
@@ -103,7 +104,7 @@ def _group(parts, missing, sizes, number, less: int, kind: Kind, rule: str, work
 
     found = list(run(part, itertools.pairwise(edges)))
     total, *valid = (np.sum(values, axis=0) for values in zip(*found, strict=True))
-    return total, valid[0].astype(np.int64) if valid else number
+    return total[:given], valid[0].astype(np.int64)[:given] if valid else number[:given]
 
 
 def strided_sums(theta, marks, rule: str, sizes, number, order: int) -> tuple[np.ndarray, np.ndarray]:
