@@ -17,7 +17,6 @@ import tempfile
 import time
 
 import _alltau
-import _gpu
 import _stream
 import allantools
 import jax
@@ -232,7 +231,6 @@ def main():
         "logs": _stream.many_logs,
         "memory": lambda: memory(options.longest),
         "programs": lambda: compilations_over_lengths(compilations),
-        "gpu": _gpu.bandwidth,
     }
     if options.only not in (None, *parts):
         parser.error(f"unknown part {options.only!r}; expected one of {', '.join(parts)}")
