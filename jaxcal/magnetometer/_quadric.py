@@ -131,11 +131,9 @@ def linear(u: Any, kind: str) -> Any:
     moves = scipy.linalg.block_diag(part @ keeping, np.eye(4)).astype(u.dtype)
     fixed = np.isin(np.arange(10), np.diag(PLACE)).astype(u.dtype)
     columns = monomials(u)
-    design, side = columns @ moves, -columns @ fixed
-    if isinstance(u, np.ndarray):
-        return fixed + moves @ np.linalg.lstsq(design, side)[0]
-    # in a trace it is only a start, and small systems are quick for a whole batch
-    return fixed + moves @ jnp.linalg.solve(design.T @ design, design.T @ side)
+    design, side, xp = columns @ moves, -columns @ fixed, u.__array_namespace__()
+    # in a trace it is only a start, and a batch of small systems is quick
+    return fixed + moves @ (np.linalg.lstsq(design, side)[0] if xp is np else xp.linalg.solve(design.T @ design, design.T @ side))
 
 
 def algebraic(u: np.ndarray, kind: str = "symmetric") -> tuple[np.ndarray, np.ndarray]:
