@@ -4,7 +4,7 @@
     python benchmarks/gpu.py --part 0.001               a thousandth of it
     JAX_PLATFORMS=cpu python benchmarks/gpu.py --part 0.01   the same on the processor
 
-Records are made on the device, so no time of these is that of a cable; the line "from the host" is the ordinary call with an array of NumPy.
+Records are made on the device, so no time of these is that of a cable; "from the host" is the ordinary call with an array of NumPy.
 """
 
 import argparse
@@ -75,8 +75,8 @@ def noise_fits(records):
     found, first, second = clocked(lambda: every(keys))
     spread = np.std(np.asarray(found), axis=0) / [N, K]
     off = np.mean(np.asarray(found), axis=0) / [N, K] - 1
-    note = f"{1e3 * second / records:.3f} ms each; N off by {1e2 * off[0]:.3f} % on average, one by {1e2 * spread[0]:.2f}; K {1e2 * off[1]:.2f}, "
-    say(f"{records} noise fits of 2^17", first, second, note + f"{1e2 * spread[1]:.2f}")
+    each = ", ".join(f"{'NK'[i]} off by {100 * off[i]:.3f} % on average, one by {100 * spread[i]:.2f}" for i in (0, 1))
+    say(f"{records} noise fits of 2^17", first, second, f"{1e3 * second / records:.3f} ms each; {each}")
 
 
 def ellipsoid_fits(sessions):

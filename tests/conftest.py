@@ -13,10 +13,10 @@ import tempfile
 # Compilation takes nine tenths of a run, and a large part of it is optimisation. Without optimisation, with the older generator of fused
 # loops and with one object file for each program, compilation takes less than half the time. XLA_FLAGS= in the environment restores full
 # optimisation. jaxlib 0.11 has the newer generator alone, and a flag that it does not know ends the process.
-_OLDER = " --xla_cpu_use_fusion_emitters=false" if importlib.metadata.version("jaxlib") < "0.11" else ""
 os.environ.setdefault(
     "XLA_FLAGS",
-    "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true --xla_cpu_parallel_codegen_split_count=1" + _OLDER,
+    "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true --xla_cpu_parallel_codegen_split_count=1"
+    + (" --xla_cpu_use_fusion_emitters=false" if importlib.metadata.version("jaxlib") < "0.11" else ""),
 )
 # If two processes use two threads each for linear algebra, they wait for one another, and thermal fits take four times as long.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
