@@ -132,7 +132,7 @@ def nonnegative(gram: AnyArray, target: AnyArray, free: Any, active: AnyArray, h
     unit, goal, own = gram / (size[..., :, None] * size[..., None, :]), target / size, _eye(gram.shape[-1])
     unit += _FLAT * _EPS * own
     enough = _RIDGE * np.abs(goal).max(axis=-1, keepdims=True)
-    theta, bound, movable = goal, ~free, ~np.asarray(held)
+    theta, bound, movable = goal, np.logical_not(free), np.logical_not(held)
     for k in range(10 * len(own)):
         both = active[..., :, None] & active[..., None, :]
         theta = np.linalg.solve(np.where(both, unit, own), np.where(active, goal, 0.0)[..., None])[..., 0]
