@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 import jaxcal
+from jaxcal.batch._tasks import deviations
 from jaxcal.evidence import bursts, find
+from jaxcal.evidence._findings import percent
 
 _PLACE = pathlib.Path(__file__).resolve().parents[2] / "benchmarks" / "evidence.py"
 _SPEC = importlib.util.spec_from_file_location("benchmark_of_evidence", _PLACE)
@@ -220,6 +222,16 @@ def test_a_log_says_what_was_set_aside_and_keeps_what_is_asked():
     assert np.isfinite(log.cleaned().gyro).all()
     part = log.select(0.0, 100.0)
     assert [one.kind for one in part.evidence] == []
+
+
+def test_of_a_log_of_which_most_is_set_aside_every_answer_at_rest_is_weak():
+    y = np.random.default_rng(1).normal(size=(20_000, 3)) * 1e-3
+    t = np.arange(13_000) / 100.0
+    y[7_000:] += 0.3 * np.sin(2.5 * t + np.sin(0.02 * t))[:, None]
+    log = jaxcal.Log(None, gyro=y, rate=100.0).cleaned(still=True)
+    for found in (jaxcal.noise.characterise(log), deviations(log)):
+        assert (found.verdict, "set_aside" in found.codes) == ("weak", True)
+    assert percent(0.998) == 99.0
 
 
 @pytest.mark.parametrize("rate", [4.37, 5.0, 10.0])

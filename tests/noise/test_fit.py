@@ -3,6 +3,7 @@
 import jax
 import numpy as np
 import pytest
+import scipy.signal
 
 import jaxcal
 from jaxcal import DataError
@@ -139,19 +140,27 @@ def test_gaps_change_the_result_little_and_are_told():
             assert not np.any(np.isnan(leaf))
 
 
-def test_units_scale_and_channels_do_not_mix():
-    y = np.stack([GYRO.simulate(2**14, RATE, seed=s) for s in (1, 2)], axis=1)
-    both = fit(y, RATE)
-    for i in range(2):
-        one = fit(y[:, i] * 1e-9, RATE)
+def test_units_scale_and_records_fitted_together_do_not_mix():
+    records = [GYRO.simulate(2**14, RATE, seed=s) for s in range(6)]
+    t = np.arange(2**14) / RATE
+    records[1][3000:3700] = np.nan
+    records[2] = scipy.signal.lfilter(*scipy.signal.butter(2, 0.3), records[2])
+    records[3] += 0.02 * np.sin(2 * np.pi * 7.3 * t)
+    records[4] += 0.05 * (t > 60.0)
+    records[5][5000:5040] += 1.0
+    together = fit(np.stack(records, axis=1), RATE)
+    for i, y in enumerate(records):
+        one, own = fit(y * 1e-9, RATE), together.channel(i)
         for term in ("Q", "N", "B", "K"):
-            scaled = np.asarray(getattr(one.noise, term)) * 1e9
-            np.testing.assert_allclose(scaled, getattr(both.channel(i).noise, term), rtol=1e-6, atol=1e-9)
-        np.testing.assert_allclose(one.goodness, both.goodness[i], rtol=1e-6)
-        assert one.presence == both.channel(i).presence
-    assert both.noise.N.shape == (2,)
-    assert both.covariance.array.shape == (4, 4, 2)
-    assert both.channel(1).deviation.deviation.ndim == 1
+            np.testing.assert_allclose(np.asarray(getattr(one.noise, term)) * 1e9, getattr(own.noise, term), rtol=1e-6, atol=1e-9)
+            np.testing.assert_allclose(np.array(one.interval[term]) * 1e9, own.interval[term], rtol=1e-4, atol=1e-9)
+        np.testing.assert_allclose([one.goodness, *one.deviation.edf], [own.goodness, *own.deviation.edf], rtol=1e-5)
+        assert (one.presence, one.codes) == (own.presence, own.codes)
+    lines = [float(together.channel(i).noise.sinusoid[0][0]) for i in (0, 3)]  # without a line, one of zero
+    assert (lines[0], lines[1]) == (0.0, pytest.approx(0.02, rel=0.05))
+    assert together.noise.N.shape == (6,)
+    assert together.covariance.array.shape == (4, 4, 6)
+    assert together.channel(1).deviation.deviation.ndim == 1
 
 
 def test_longer_record_is_about_right():

@@ -283,15 +283,6 @@ def test_messages_of_log_likelihood():
         _ = jaxcal.noise.fit(CASE_A.simulate(1 << 12, RATE, seed=0), RATE, method="gls").log_likelihood
 
 
-def test_channels_with_different_lines_stand_side_by_side(record):
-    line = 2e-3 * D * np.sin(2 * np.pi * 0.1 * np.arange(1 << 17) / RATE)
-    both = jaxcal.noise.fit(np.stack([CASE_A.simulate(1 << 17, RATE, seed=6), record + line], axis=1), RATE)
-    one = jaxcal.noise.fit(record + line, RATE)
-    assert float(both.channel(1).noise.sinusoid[0][0]) == pytest.approx(one.noise.sinusoid[0][0], rel=0.05)
-    assert float(both.channel(0).noise.sinusoid[0][0]) == 0.0
-    assert both.channel(1).codes == one.codes
-
-
 def test_gaps_everywhere_are_fitted_and_a_record_of_gaps_is_refused(record):
     y = record[:5000].copy()
     y[::10] = np.nan
