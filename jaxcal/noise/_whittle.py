@@ -6,11 +6,9 @@ evenness in time of each record are measured. 5. Errors, limits and the rival fo
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
-from .._answer import Finding
 from .._errors import DataError, FitError
 from .._frozen import made, replaced
 from .._message import Message
@@ -18,7 +16,7 @@ from .._types import AnyArray
 from . import _findings
 from ._changes import Changes, Sensor, find_changes, lowest_of
 from ._compare import likeliest_time
-from ._errors import Widening, doubted, widening
+from ._errors import doubted, widening
 from ._likelihood import information, inverse
 from ._limits import PRESENT, Limits, levels_of, profile_limits
 from ._measured import edf_of
@@ -31,20 +29,6 @@ from ._solve import FILTER, SETTLED, Solved, solve
 from ._terms import GaussMarkov, Ramp, Term, is_sought
 
 _FAST = ("Q", "N", FILTER)  # terms that high frequencies determine, at which nothing else looks like them
-
-
-class Channels(NamedTuple):
-    """Channels of one length under a model of their noise.
-
-    observed : the likelihood of each, with changes of the mean as regressors. solved : their fit. terms : those asked for, with the
-    correlation time of a process that was sought. changes : those of the mean of each. sensors : the name of that of each; "" if unknown.
-    """
-
-    observed: list[Observed]
-    solved: Solved
-    terms: tuple[Term, ...]
-    sensors: list[str]
-    changes: list[Changes]
 
 
 def fit_axes(records: Sequence[Record], asked: Asked) -> list[NoiseFit]:
@@ -65,24 +49,30 @@ def fit_axes(records: Sequence[Record], asked: Asked) -> list[NoiseFit]:
     if ramps:  # a regressor beside the other terms
         line = Regressors(np.arange(len(observed[0].y))[None, :] / asked.rate)
         observed = [one.beside(line) for one in observed]
-    model = Channels(observed, solve(observed, base, asked.band), asked.terms, sensors, [Changes()] * len(observed))
+    solved = solve(observed, base, asked.band)
     if sought:  # each with a correlation time of its own
-        each = [Channels([one], model.solved.of([i]), asked.terms, sensors[i : i + 1], [Changes()]) for i, one in enumerate(observed)]
-        return [fit for one in each for fit in _results(_with_process(one, base, asked), asked)]
-    return _results(model if ramps else _with_changes(model, records, base, asked), asked)
+        found = []
+        for i, one in enumerate(observed):
+            own, terms = _with_process(one, solved.of([i]), base, asked)
+            found += _results([one], own, terms, sensors[i : i + 1], [Changes()], asked)
+        return found
+    changes = [Changes()] * len(observed) if ramps else _with_changes(observed, solved, records, base, asked)
+    return _results(observed, solved, asked.terms, sensors, changes, asked)
 
 
-def _with_process(plain: Channels, base: tuple[Term, ...], asked: Asked) -> Channels:
-    """A channel with the Gauss-Markov process asked for, at its likeliest correlation time."""
-    time = likeliest_time(plain.solved, 1.0 / asked.rate, asked.duration)
+def _with_process(observed: Observed, plain: Solved, base: tuple[Term, ...], asked: Asked) -> tuple[Solved, tuple[Term, ...]]:
+    """The fit of a channel with the Gauss-Markov process asked for, at its likeliest correlation time, and the terms."""
+    time = likeliest_time(plain, 1.0 / asked.rate, asked.duration)
     terms = tuple(GaussMarkov(time=time, name=term.name) if is_sought(term) else term for term in asked.terms)
     process = tuple(term for term, sought in zip(terms, asked.terms, strict=True) if is_sought(sought))
-    return plain._replace(solved=solve(plain.observed, (*base, *process), asked.band), terms=terms)
+    return solve([observed], (*base, *process), asked.band), terms
 
 
-def _with_changes(plain: Channels, records: Sequence[Record], base: tuple[Term, ...], asked: Asked) -> Channels:
-    """The channels with what changes their mean, if anything does."""
-    observed, solved, dt, n = list(plain.observed), plain.solved, 1.0 / asked.rate, len(plain.observed[0].y)
+def _with_changes(
+    observed: list[Observed], solved: Solved, records: Sequence[Record], base: tuple[Term, ...], asked: Asked
+) -> list[Changes]:
+    """What changes the mean of each channel; those that something changes, and their fits, are replaced by others beside it."""
+    dt, n = 1.0 / asked.rate, len(observed[0].y)
     slow, axes = np.array([name not in _FAST for name in solved.names]), len(records[0].channels)
     walk = np.array([name == "K" for name in solved.names])[slow]
     theta = (solved.theta * solved.bins.unit[:, None]).reshape(len(records), axes, -1)
@@ -103,17 +93,18 @@ def _with_changes(plain: Channels, records: Sequence[Record], base: tuple[Term, 
             observed[k] = observed[k].beside(regressors)
     if len(rows := places[changed].ravel()):
         solved.put(rows, solve([observed[k] for k in rows], base, asked.band, solved.of(rows)))
-    return plain._replace(observed=observed, changes=[one for one in changes for _ in range(axes)])
+    return [one for one in changes for _ in range(axes)]
 
 
-def _results(model: Channels, asked: Asked) -> list[NoiseFit]:
+def _results(
+    observed: list[Observed], solved: Solved, terms: tuple[Term, ...], sensors: list[str], changes: list[Changes], asked: Asked
+) -> list[NoiseFit]:  # fmt: skip
     """Coefficients, intervals and findings of each channel."""
-    observed, solved = model.observed, model.solved
     if not (np.all(np.isfinite(solved.theta)) and np.all(np.isfinite(solved.cost))):
         raise FitError(Message("the fit gave no finite coefficients; give fewer {option.terms} or another {option.band}"))
     dt, names, bins = observed[0].dt, solved.names, solved.bins
-    curves = zip(observed, model.changes, solved.end, strict=True)
-    begun = [asked.begin(one.drawn if changes.fitted else one.filled, end) for one, changes, end in curves]
+    curves = zip(observed, changes, solved.end, strict=True)
+    begun = [asked.begin(one.drawn if changed.fitted else one.filled, end) for one, changed, end in curves]
     wider = widening(solved, dt, (one.spectrum() for one in observed))
     for i, one in enumerate(observed):
         if len(one.doubts):
@@ -125,7 +116,7 @@ def _results(model: Channels, asked: Asked) -> list[NoiseFit]:
     rival = rival_of(solved, dt, asked.duration, levels_of(asked.confidence), scale)
     limits, doubts = _beside(limits, names, rival)
     edf = edf_of(asked.m, len(observed[0].y), bins.columns, rival.density, solved.theta, wider.factor)
-    squares = _squares(model, covariance, limits, asked.confidence)
+    squares = _squares(observed, solved, terms, covariance, limits, asked.confidence)
     spectra, kept = _spectra(solved), tuple(term.name for term in asked.terms if not is_sought(term))
     found = []
     for i, (wait, used) in enumerate(begun):
@@ -134,14 +125,23 @@ def _results(model: Channels, asked: Asked) -> list[NoiseFit]:
         lines = _lines(solved, i, asked.duration)
         band = float(curve.tau[used].min()), float(curve.tau[used].max())
         fit = assemble(
-            squares[0][i], squares[1][i], Limits._make(one[i] for one in squares[2]), model.terms, with_edf(curve, used, edf[i]),
+            squares[0][i], squares[1][i], Limits._make(one[i] for one in squares[2]), terms, with_edf(curve, used, edf[i]),
             asked.duration, sinusoid=lines, used=used, confidence=asked.confidence, method="whittle", goodness=float(solved.goodness[i]),
-            band=band, spectrum=spectra[i], events=_findings.events_of(model.changes[i].likely),
+            band=band, spectrum=spectra[i], events=_findings.events_of(changes[i].likely),
         )  # fmt: skip
         presence = fit.presence | dict.fromkeys(doubts[i], "hint")
         # unevenness is said of the coefficients
         said = [one for one in curve.findings if one.code != "uneven"]
-        said += _said(model, i, asked.duration, band, lines, wider, rival, doubts[i], presence.get("K") == "present")
+        instead = changes[i].instead if presence.get("K") == "present" else None
+        shortest = band[0] if solved.cut[i] and "Q" in presence else None
+        said += [
+            *_findings.of_model(float(solved.misfit[i]), shortest),
+            *(() if solved.off[i] < SETTLED else [_findings.FINDINGS("unsettled", cost=float(np.hypot(1.0, solved.off[i])))]),
+            *_findings.of_lines(lines),
+            *_findings.of_changes(changes[i], observed[i].factors, observed[i].covariance, sensors[i] or "ratio", asked.duration),
+            *_findings.of_widening(wider.factor[i], wider.loudest[i], names, asked.duration),
+            *_findings.of_doubts(doubts[i], float(rival.apart[i]), instead),
+        ]
         found.append(replaced(fit, presence=presence, findings=tuple(said), terms=kept, covariance=fit.covariance[list(kept)]))
     return found
 
@@ -174,22 +174,6 @@ def _beside(limits: Limits, names: Sequence[str], rival: Rival) -> tuple[Limits,
     return Limits(low, high, upper, limits.significance), [[names[k] for k in np.flatnonzero(one)] for one in doubts]
 
 
-def _said(
-    model: Channels, i: int, duration: float, band, lines, wider: Widening, rival: Rival, doubts: list[str], walks: bool
-) -> tuple[Finding, ...]:
-    """What to know about a channel."""
-    observed, changes, solved = model.observed[i], model.changes[i], model.solved
-    shortest = band[0] if solved.cut[i] and "Q" in (term.name for term in model.terms) else None
-    return (
-        *_findings.of_model(float(solved.misfit[i]), shortest),
-        *(() if solved.off[i] < SETTLED else [_findings.FINDINGS("unsettled", cost=float(np.hypot(1.0, solved.off[i])))]),
-        *_findings.of_lines(lines),
-        *_findings.of_changes(changes, observed.factors, observed.covariance, model.sensors[i] or "ratio", duration),
-        *_findings.of_widening(wider.factor[i], wider.loudest[i], model.solved.names, duration),
-        *_findings.of_doubts(doubts, float(rival.apart[i]), changes.instead if walks else None),
-    )
-
-
 def _lines(solved: Solved, i: int, duration: float) -> list[tuple[float, float]]:
     """(amplitude, frequency in Hz) of the spectral lines in the band of a channel."""
     lines = amplitudes(solved.bins.of(i), solved.lines[i] >= LINE, solved.level[i], duration)
@@ -211,18 +195,19 @@ def _spectra(solved: Solved) -> list[FittedSpectrum]:
     return found
 
 
-def _squares(model: Channels, covariance: AnyArray, limits: Limits, confidence: float) -> tuple[AnyArray, AnyArray, Limits]:
+def _squares(
+    observed: list[Observed], solved: Solved, terms: tuple[Term, ...], covariance: AnyArray, limits: Limits, confidence: float
+) -> tuple[AnyArray, AnyArray, Limits]:  # fmt: skip
     """Squared coefficients of each channel in SI units in the order of the terms, their covariance and limits.
 
     The slope of a ramp is the only factor of the mean. What the record does not determine is zero without an upper limit.
     """
-    solved, asked = model.solved, [term.name for term in model.terms]
-    own, unit = solved.own, solved.bins.unit[:, None]
+    asked, own, unit = [term.name for term in terms], solved.own, solved.bins.unit[:, None]
     limits, place = limits.scaled(unit), [solved.names.index(name) if name != "R" else 0 for name in asked]
     squares, spread = (solved.theta * unit * own)[:, place], covariance * unit[:, :, None] ** 2 * (own[:, :, None] & own[:, None, :])
     spread, ends = spread[:, place][:, :, place], np.array(limits)[:, :, place]
     if "R" in asked:
-        i, observed = asked.index("R"), model.observed
+        i = asked.index("R")
         slope, error = np.array([one.factors[0] for one in observed]), np.array([one.covariance[0, 0] for one in observed]) ** 0.5
         spread[:, i], spread[:, :, i] = 0.0, 0.0
         squares[:, i], spread[:, i, i] = slope**2, (2.0 * slope * error) ** 2
