@@ -5,6 +5,7 @@ import os
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 
@@ -93,24 +94,26 @@ def fit(
     freedom). Covariance of the Allan variance: `allan_covariance`. Thresholds for a coefficient at its bound: Self
     and Liang, J. Am. Stat. Assoc. 82, 1987.
     """
-    fits = _fits(y, rate, method, terms, confidence, band)
+    fits = _fits(y, (rate, method, terms, confidence, band))
     return stacked(fits) if np.ndim(y) == 2 else fits[0]
 
 
 @host_float64
-def _fits(y, rate, method, terms, confidence, band) -> list[NoiseFit]:
+def _fits(y: Any, options: tuple[Any, ...]) -> list[NoiseFit]:
     """A fit of each channel."""
     record = Record(y)
-    asked = checked_call(record, rate, method, terms, confidence, band)
-    return [fit_traced(y, asked) for y in record.channels] if record.traced else _of_sensors(record.sensors(), asked)
+    if not record.traced:
+        return _of_sensors(record.sensors(), options)
+    return [fit_traced(y, checked_call(record, *options)) for y in record.channels]
 
 
 @host_float64
-def _of_sensors(records: Sequence[Record], asked: Asked) -> list[NoiseFit]:
+def _of_sensors(records: Sequence[Record], options: tuple[Any, ...]) -> list[NoiseFit]:
     """A fit of each axis of sensors, all of one length and with equally many axes; threads take equal parts of them.
 
     NumPy, SciPy and compiled programs let other threads work. What is small is computed for all sensors of a part at once.
     """
+    asked = checked_call(records[0], *options)
     samples = len(records) * len(records[0].channels) * len(records[0].channels[0])
     # a thread that the caller started already has a core
     ours = samples >= _SHARED and threading.current_thread() is threading.main_thread()
@@ -128,10 +131,8 @@ def _of_part(records: Sequence[Record], asked: Asked) -> list[NoiseFit]:
         record.set_aside(asked.rate)
     fits = fit_axes(records, asked) if asked.method == "whittle" else [fit for one in records for fit in fit_curves(one, asked)]
     channels = ((y, record) for record in records for y in record.channels)
-    return [
-        replaced(one, findings=(*findings_of_checks(*channel, asked, one), *one.findings))
-        for channel, one in zip(channels, fits, strict=True)
-    ]
+    said = [findings_of_checks(*channel, asked, one) for channel, one in zip(channels, fits, strict=True)]
+    return [replaced(one, findings=(*first, *one.findings)) for one, first in zip(fits, said, strict=True)]
 
 
 def characterise(
@@ -187,7 +188,7 @@ def characterise(
     report, found = progress or (lambda done, total, name: None), {}
     for (own, *_), records in alike.items():
         report(len(found), len(channels), records[0].names[0])
-        fits = iter(_of_sensors(records, checked_call(records[0], own, method, terms, confidence, band)))
+        fits = iter(_of_sensors(records, (own, method, terms, confidence, band)))
         for record in records:
             axes = dict(zip(record.names, fits, strict=False))
             said, first = findings_of_axes(np.stack(record.channels, axis=1), own, axes) if len(axes) > 1 else (), record.names[0]
