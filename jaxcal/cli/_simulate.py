@@ -252,7 +252,11 @@ def simulate_north(
         for (word, angle), a, w in zip(places, found.accel, found.gyro, strict=True):
             lines.append(f"{angle:.10g},{word},{dwell:g},{float(a):.12g},{float(w) / _DEG * 3600:.12g}")
         rooms[out].write_text("\n".join(lines) + "\n", encoding="utf-8")
-    show_written(Screen(running.quiet), [out])
+    screen = Screen(running.quiet)
+    roll, pitch, azimuth = angles
+    screen.line(f"roll {roll:g}, pitch {pitch:g}, azimuth {azimuth:g} deg")
+    screen.line(f"gyro bias {_GYRO_BIAS:g} deg/h, accelerometer bias {_ACCEL_BIAS / 1000:g} mg")
+    show_written(screen, [out])
 
 
 def noise_from_text(text: str, sensor: str) -> Any:
@@ -307,8 +311,13 @@ def write_log(
             sensors[sensor] = np.stack(axes, axis=1) + np.asarray((bias or {}).get(sensor, (0.0, 0.0, 0.0)))
         if "accel" in sensors:
             sensors["accel"][:, 2] += STANDARD_GRAVITY
-        return np.arange(samples) / rate, sensors, []
+        return np.arange(samples) / rate, sensors, [] if folder else said
 
+    said = []
+    for sensor, noise in truth.items():
+        known = {term: float(noise.coefficient(term)) for term in "QNBKR"}
+        terms = ", ".join(f"{term} {value:.4g} {noise_units(term, sensor)[-1]}" for term, value in known.items() if value)
+        said.append(f"{sensor}, every axis: {terms}")
     _write(out, make, running, folder)
 
 

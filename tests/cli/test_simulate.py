@@ -16,7 +16,9 @@ from .conftest import listing, save, table
 def test_a_simulated_log_reads_back_with_the_noise_that_was_asked_for(call, folder, name):
     options = ["--gyro", "N=0.25deg/sqrt(h)", "--accel", "N=0.06 m/s/sqrt(h),B=0.01mg", "--rate", "50", "--duration", "200", "--seed", "3"]
     found = call("simulate", "noise", "--out", name, *options)
-    assert (found.status, found.out.split(), found.err) == (0, ["wrote", name], "")
+    assert (found.status, found.err) == (0, "")
+    truth = "gyro, every axis: N 7.272e-05 rad/sqrt(s)", "accel, every axis: N 0.001 m/s^2/sqrt(Hz), B 9.807e-05 m/s^2"
+    assert found.out.splitlines() == [*truth, "", f"wrote {name}"]
     assert listing(folder) == [name]
     log = jaxcal.read(folder / name, units={"gyro": "rad/s", "accel": "m/s^2"}, quiet=True)
     assert (log.rate, len(log.time)) == (50.0, 10_000)
