@@ -28,6 +28,7 @@ class Screen:
         self._console = _Pipe(markup=False, highlight=False, emoji=False)
         self._quiet = quiet
         self._gone: BrokenPipeError | None = None
+        self._begun = False
 
     def line(self, text: str = "") -> None:
         """Print one sentence, wrapped."""
@@ -51,8 +52,9 @@ class Screen:
             raise self._gone
 
     def _print(self, *what: Any, **how: Any) -> None:
-        if self._quiet or self._gone is not None:
-            return
+        if self._quiet or self._gone is not None or not (self._begun or any(what)):
+            return  # an answer begins without a blank line
+        self._begun = True
         what = tuple("\n".join(map(printable, one.split("\n"))) if isinstance(one, str) else one for one in what)
         try:
             with self._console.capture() as captured:
