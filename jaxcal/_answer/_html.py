@@ -2,6 +2,7 @@
 
 import html
 import math
+import re
 from collections.abc import Iterable
 from typing import Any
 
@@ -85,9 +86,16 @@ def _cell(cell: Number | str | None) -> Markup:
 def findings_html(findings: Iterable[Finding], reader: Reader = "python") -> Markup:
     """Findings as a list, the worst first; those that ask for action are marked, and options are spelt for the reader."""
     items = [
-        tag("li", one.spelt(reader), class_="caution" if one.severity > NOTE else "note", data_code=one.code) for one in merged(findings)
+        tag("li", *_unbroken(one.spelt(reader)), class_="caution" if one.severity > NOTE else "note", data_code=one.code)
+        for one in merged(findings)
     ]
     return tag("ul", *items, class_="findings") if items else Markup("")
+
+
+def _unbroken(text: str) -> Iterable[str]:
+    """A sentence in which no line ends within the name of an option."""
+    pieces = re.split(r"(--[a-z][\w-]*)", text)
+    return (tag("span", piece, class_="option") if piece.startswith("--") else piece for piece in pieces)
 
 
 def answer_html(verdict: str, headline: str, sections: Iterable[Section], findings: Iterable[Finding]) -> Markup:

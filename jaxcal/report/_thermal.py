@@ -30,13 +30,13 @@ def meaning(_: TemperatureFits) -> tuple[tuple[str, str], ...]:
 
 
 def figures(result: TemperatureFits, _: object) -> tuple[list[Markup], list[Markup]]:
-    """A chart for each sensor."""
-    return [charts([_chart(sensor, axes)]) for sensor, axes in result.by_sensor().items()], []
+    """For each sensor its bias over temperature, and what the curve leaves."""
+    return [charts([one]) for sensor, axes in result.by_sensor().items() for one in _charts(sensor, axes)], []
 
 
-def _chart(sensor: str, channels: dict[str, TemperatureFit]) -> Chart:
-    """Means and curves of every axis, each relative to its value in the middle of its range."""
-    curves = []
+def _charts(sensor: str, channels: dict[str, TemperatureFit]) -> list[Chart]:
+    """Means and curves of every axis, each relative to its value in the middle of its range; and their difference."""
+    curves, left = [], []
     for i, (axis, fit) in enumerate(channels.items()):
         model = fit.model
         middle = float(np.asarray(model.curve.value(np.asarray((model.low + model.high) / 2))))
@@ -44,13 +44,19 @@ def _chart(sensor: str, channels: dict[str, TemperatureFit]) -> Chart:
         line, (low, high) = np.asarray(model.curve.value(t)), fit.interval_at(t)
         means = np.asarray(fit.bins.b) - middle
         curves.append(Curve(axis, "dots", np.asarray(fit.bins.t), means, color=i, label=f"{axis}, mean"))
+        apart = np.asarray(fit.bins.b) - np.asarray(model.curve.value(np.asarray(fit.bins.t)))
+        left.append(Curve(axis, "dots", np.asarray(fit.bins.t), apart, color=i))
         curves.append(Curve(axis, "line", t, line - middle, low - middle, high - middle, color=i, label=f"{axis}, model"))
     known = sensor in SENSORS
     units = tuple((unit_label(unit), noise_factor("B", sensor, unit)) for unit in noise_units("B", sensor)) if known else (("", 1.0),)
-    title = f"{SENSORS.get(sensor, sensor)}: change of bias with temperature"
+    name, x = SENSORS.get(sensor, sensor), "Temperature (°C)"
     about = "Dots: means over 0.1 °C. Lines: fitted curves with their intervals. Dashed: jumps."
     jumps = [step.centre for fit in channels.values() for step in fit.steps]
-    return Chart(f"thermal-{sensor}", title, about, "Temperature (°C)", "Change", units, curves, jumps)
+    residual = "Means over 0.1 °C less the curve. A pattern is what the model lacks."
+    return [
+        Chart(f"thermal-{sensor}", f"{name}: change of bias with temperature", about, x, "Change", units, curves, jumps),
+        Chart(f"thermal-left-{sensor}", f"{name}: what the curve leaves", residual, x, "Residual", units, left, jumps),
+    ]
 
 
 def _temperatures(fit: TemperatureFit) -> np.ndarray:

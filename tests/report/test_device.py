@@ -70,8 +70,8 @@ def test_a_common_log_is_described_once(parts, tmp_path):
 
 
 def test_every_figure_has_its_numbers(text, parts):
-    # a deviation for each sensor; spectrum, residual and signal of the sensor in the log; two thermal; residuals, signals; alignment
-    assert text.count("<svg") == 2 + 3 + 2 + 3 + 2 + 4
+    # a deviation for each sensor; spectrum, residual and signal of the sensor in the log; four thermal; residuals, signals; alignment
+    assert text.count("<svg") == 2 + 3 + 4 + 3 + 2 + 4
     tables = re.findall(r"<caption>((?:Numbers|Every)[^<]*)", text)
     assert [name.partition(":")[0] for name in tables] == [
         *(f"Numbers of Allan deviation of {sensor}_{axis}" for sensor in ("gyro", "accel") for axis in "xyz"),
