@@ -53,7 +53,7 @@ def test_a_budget_of_a_calibration_and_of_a_log(call, folder, sheet, log):
     assert call("budget", sheet, "--require", "course=1").code == "require"
     assert call("budget", sheet, "--error", "gyro.scale").code == "error"
     assert call("budget", sheet, "--error", "gyro.colour=1").code == "no_error"
-    assert call("budget", sheet, "--motion", "gone.csv").code == "not_there"
+    assert call("budget", sheet, "--motion", "gone.csv").code == "motion"
 
 
 def test_noise_for_a_motion(call, folder, sheet):
