@@ -223,7 +223,7 @@ def find_changes(sensors: Sequence[Sensor], columns: AnyArray, slow: AnyArray, w
         if shifts := [_event(at, 0.0)._replace(family="shift") for at in sensors[i].joints if 0.0 < at < n * dt]:
             _, x, products = low.family(shifts)
             ratios = _ratios(records[i], bases[i] + fitted[i] @ columns.T, x, products)
-            shares = _shares(ratios - _level("shift", axes, len(shifts)))
+            shares = scipy.special.expit(0.5 * (ratios - _level("shift", axes, len(shifts))))
             found[i] = [(shifts[k], float(shares[k])) for k in np.flatnonzero(shares > _FAINT)]
             held[i] = x[:, shares > 0.5, 0]
             refit(np.array([i]))
@@ -251,7 +251,7 @@ def find_changes(sensors: Sequence[Sensor], columns: AnyArray, slow: AnyArray, w
             best, other = int(own[np.argmax(gains[own])]), int(own[np.argmax(others[own])])
             if np.any(fitted[i][:, walk] > 0.0):
                 instead[i] = max(instead[i], (float(others[other]), tried[other][2]), key=lambda one: one[0])
-            if (share := float(_shares(gains[best]))) > _FAINT:
+            if (share := float(scipy.special.expit(0.5 * gains[best]))) > _FAINT:
                 found[i].append((_at_its_instant(tried[best][2], sensors[i].records, dt, size), share))
             if share > 0.5:
                 held[i], fitted[i], cost[i], instead[i] = designs[best], thetas[best], costs[best], none
@@ -282,11 +282,6 @@ def _candidates(rests, both, families, levels, low: _Low) -> list[tuple[int, str
                 change, ordinates = _sharpened(change, ordinates, low, rests[place, density], both[place, density])
             tried.append((place, family, change, ordinates))
     return tried
-
-
-def _shares(beyond: Any) -> Any:
-    """Probability that a change is real whose likelihood ratio is `beyond` its level."""
-    return scipy.special.expit(0.5 * np.asarray(beyond))
 
 
 def _at_its_instant(change: Change, records: Sequence[AnyArray], dt: float, size: int) -> Change:

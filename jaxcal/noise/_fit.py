@@ -27,8 +27,7 @@ from ._terms import Term
 from ._traced import fit_traced
 from ._whittle import fit_axes
 
-#: samples from which a second thread saves more time than it costs, and those that one part holds at most, which needs 50 bytes for each
-_SHARED, _AT_ONCE = 1 << 18, 1 << 23
+_AT_ONCE = 1 << 20  # samples fitted together, at 50 bytes each: more save no time, and with fewer a second thread saves less than it costs
 
 
 def fit(
@@ -109,16 +108,15 @@ def _fits(y: Any, options: tuple[Any, ...]) -> list[NoiseFit]:
 
 @host_float64
 def _of_sensors(records: Sequence[Record], options: tuple[Any, ...]) -> list[NoiseFit]:
-    """A fit of each axis of sensors, all of one length and with equally many axes; threads take equal parts of them.
+    """A fit of each axis of sensors, all of one length and with equally many axes, in equal parts, which threads take.
 
     NumPy, SciPy and compiled programs let other threads work. What is small is computed for all sensors of a part at once.
     """
     asked = checked_call(records[0], *options)
     samples = len(records) * len(records[0].channels) * len(records[0].channels[0])
+    places = np.array_split(np.arange(len(records)), min(-(-samples // _AT_ONCE), len(records)))
     # a thread that the caller started already has a core
-    ours = samples >= _SHARED and threading.current_thread() is threading.main_thread()
-    workers = min(os.cpu_count() or 1, len(records)) if ours else 1
-    places = np.array_split(np.arange(len(records)), min(max(workers, -(-samples // _AT_ONCE)), len(records)))
+    workers = min(os.cpu_count() or 1, len(places)) if threading.current_thread() is threading.main_thread() else 1
     with ThreadPoolExecutor(workers) as pool:
         found = (pool.map if workers > 1 else map)(lambda part: _of_part([records[i] for i in part], asked), places)
         return [fit for part in found for fit in part]

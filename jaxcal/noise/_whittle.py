@@ -185,14 +185,11 @@ def _spectra(solved: Solved) -> list[FittedSpectrum]:
     bins, names = solved.bins, solved.names
     kept, used = (bins.weight > 0) & (bins.density > 0) & (solved.lines < LINE), solved.weight > 0
     level, model = bins.density * bins.unit[:, None], solved.level * bins.unit[:, None]
-    found = []
-    for i, here in enumerate(kept):
-        columns = {name: bins.columns[here, k] for k, name in enumerate(names) if name != FILTER}
-        found.append(made(
-            FittedSpectrum, frequency=bins.frequency[here], density=level[i, here], model=model[i, here], edf=bins.weight[i, here],
-            used=used[i, here], columns=columns,
-        ))  # fmt: skip
-    return found
+    return [
+        made(FittedSpectrum, frequency=bins.frequency[here], density=level[i, here], model=model[i, here], edf=bins.weight[i, here],
+             used=used[i, here], columns={name: bins.columns[here, k] for k, name in enumerate(names) if name != FILTER})
+        for i, here in enumerate(kept)
+    ]  # fmt: skip
 
 
 def _squares(
