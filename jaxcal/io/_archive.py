@@ -65,5 +65,4 @@ def _room() -> Iterator[pathlib.Path]:
 
 
 def _wanted(name: str) -> bool:
-    path = pathlib.PurePosixPath(name)
-    return not path.name.startswith(".") and "__MACOSX" not in path.parts
+    return not pathlib.PurePosixPath(name).name.startswith(".") and "__MACOSX/" not in name

@@ -24,7 +24,7 @@ def read_json(path: pathlib.Path) -> Table:
     if path.stat().st_size > FREE:
         raise DataError(f"the file has {path.stat().st_size} bytes, and JSON is read up to {FREE}; write the readings as CSV", code="json")
     content = _parsed(path.read_text(encoding="utf-8-sig"))
-    columns = _arrays(content) or _columns(_records(content, {}))
+    columns = _arrays(content) or _columns(_records(content, {})) or _arrays(_nested(content))
     if not columns:
         forms = 'rows of numbers [[x, y, z], ...], records [{"x": 1, ...}, ...], or arrays by name {"mag": [[x, y, z], ...], ...}'
         raise DataError(f"this is JSON, but there are no readings in it; expected {forms}", code="json")
@@ -75,7 +75,6 @@ def _arrays(content: Any) -> list[tuple[str, Sequence[Any]]]:
         return list(zip(_named("", len(content[0])), zip(*content, strict=True), strict=True))
     if not isinstance(content, dict):
         return []
-    content = _nested(content)
     arrays = {name: value for name, value in content.items() if _rows(value) or (_vector(value) and len(value) > 1)}
     most = max((len(value) for value in arrays.values()), default=0)
     found: list[tuple[str, Sequence[Any]]] = []
@@ -85,10 +84,10 @@ def _arrays(content: Any) -> list[tuple[str, Sequence[Any]]]:
     return found
 
 
-def _nested(node: dict[str, Any], before: str = "") -> dict[str, Any]:
+def _nested(node: Any, before: str = "") -> Any:
     """The lists of an object, those of an object in it after its name."""
     found: dict[str, Any] = {}
-    for name, value in node.items():
+    for name, value in node.items() if isinstance(node, dict) else ():
         found |= _nested(value, f"{before}{name}_") if isinstance(value, dict) else {before + name: value}
     return found
 
