@@ -187,7 +187,7 @@ def _by_axis(table: Any, found: Selection, sensor: str, taken: set[int], whole: 
         error = DataError(Message(said, axes=", ".join(present), sensor=sensor), code="axes")
         if not whole & set(SENSORS):
             raise error
-        found.findings.append(READ("mixed", (sensor,), why=error))
+        found.findings.append(READ("axes", (sensor,), why=error))
     elif present:
         found.columns[sensor] = [axes[axis] for axis in present]
         if unit := next((one.unit for i in found.columns[sensor] if (one := found.names[i]) and one.unit), None):
@@ -302,7 +302,6 @@ def _tell_unused(table: Any, found: Selection, triples: list[Triple]) -> None:
         raise unclear(f"the columns {shown} look like those of a sensor, but which axis of which is not understood")
     if strange:
         likely = doubtful or [Triple(strange[:3], odds=dict.fromkeys(missing or SENSORS, 0.0))]
-        option = _option(found.columns | {one.likely: one.columns for one in reversed(likely)})
-        found.findings.append(READ("strange", columns=shown, first=option))
+        found.findings.append(READ("strange", columns=shown, first=_option(found.columns | {x.likely: x.columns for x in likely[::-1]})))
     if found.gravity_free and "accel" not in found.columns:
         found.findings.append(READ("gravity_free", "accel", columns=", ".join(table.names[i] for i in found.gravity_free[:3])))

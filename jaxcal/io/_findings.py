@@ -51,6 +51,7 @@ READ = table(
                          "Read others with {option.topics}: {others}."),
     file_not_read=Kind(CAUTION, "{file} is not read: {why}."),
     mixed=Kind(CAUTION, "{why}."),
+    axes=Kind(CAUTION, "A sensor is not read: {why}."),
     strange=Kind(CAUTION, "Not read, although the names or values look like those of a sensor: {columns}.",
                  "To read them: {option.columns:{first}}."),
     skips=Kind(CAUTION, "{counter} counts the samples and skips {count} of them in {places} places: these are missing."),
