@@ -68,7 +68,7 @@ _WORDS = {
 }  # fmt: skip
 _KINDS = {kind: frozenset(words.split("|")) for kind, words in _WORDS.items()}
 #: words of which one with a wrong letter is no other word, and lengths of such
-_LONG, _SPELLED = {word: kind for kind in ("gyro", "accel", "mag") for word in _KINDS[kind] if len(word) > 8}, range(8, 30)
+_LONG, _SPELLED = [word for kind in ("gyro", "accel", "mag") for word in _KINDS[kind] if len(word) > 8], range(8, 30)
 _MEASURED = ("gyro", "accel", "mag", "temperature")
 _TIME = _words(
     "t time timestamp timestamps stamp ts tstamp clock elapsed elapsedtime timeelapsed datetime utc utctime zeit zeitstempel uhrzeit "
@@ -315,13 +315,15 @@ def described(words: list[str]) -> Name | None:
             kind = _kind(words[start : start + size])
             if kind not in (None, *OTHERS) and not any(word in _CHANGING or _known(word) not in (None, kind) for word in dropped):
                 return Name(kind, sure=False)
-    return Name("motion", sure=False) if any(_known(word) in OTHERS for word in words) else None
+    if any(_known(word) in OTHERS for word in words):
+        return Name("motion", sure=False)
+    right = [next(iter(difflib.get_close_matches(word, _LONG, 1, 0.9)), word) if len(word) in _SPELLED else word for word in words]
+    return described(right) if right != words else None  # with long words as they are spelled
 
 
 def _known(word: str) -> str | None:
-    """The kind that a word denotes, or None; a long word may be misspelled."""
-    near = difflib.get_close_matches(word, _LONG, 1, 0.9) if len(word) in _SPELLED and word not in _LONG else None
-    return _LONG[near[0]] if near else next((kind for kind, known in _KINDS.items() if word in known), None)
+    """The kind that a word denotes, or None."""
+    return next((kind for kind, known in _KINDS.items() if word in known), None)
 
 
 def _spelled(words: list[str], quantity: str) -> str | None:
@@ -354,10 +356,8 @@ def _time(words: list[str], inside: str | None) -> Name | None:
         return Name("time", "", "sampletimefine")
     if joined in _TIME:
         return Name("time", "", own or ("s" if "seconds" in joined or joined in ("gpstow", "tow", "gpssow", "sow") else None))
-    # a column that is called "s" is not a time
-    if head == "utc" and not own:  # a part of a date
-        return None
-    if last in TIME_UNITS and (head in _TIME or (not head and last not in ("s", "min", "nano", "second"))):
+    # a column that is called "s" is not a time, and utc_second a part of a date
+    if last in TIME_UNITS and ((head in _TIME and (own or head != "utc")) or (not head and last not in ("s", "min", "nano", "second"))):
         return Name("time", "nsec" if last in _FRACTIONS else "", TIME_UNITS[last])
     # "elapsed seconds", "milliseconds since start", "timestampms"
     if bare[0] in TIME_UNITS and "".join(bare[1:]) in ("elapsed", "sincestart", "sinceboot", "fromstart", "start"):

@@ -70,6 +70,9 @@ PROFILES = (
         ((rf"(?:uncomp)?(?:gyro|angularrate)\.?{_XYZ}", "gyro", "rad/s"), (rf"(?:uncomp)?accel\.?{_XYZ}", "accel", "m/s^2"),
          (rf"(?:uncomp)?mag\.?{_XYZ}", "mag", "G"), ("timestartup", "time", "ns")),
     ),
+    Profile("MAVLink in SI", (r".*(?:hil_sensor|highres_imu)\.xgyro",), (
+        (rf".*\.{_XYZ}gyro", "gyro", "rad/s"), (rf".*\.{_XYZ}acc", "accel", "m/s^2"), (rf".*\.{_XYZ}mag", "mag", "G"),
+    )),
     Profile(
         "MAVLink", (rf"(?:.*\.)?{_XYZ}gyro", rf"(?:.*\.)?{_XYZ}acc"),
         ((rf"(?:.*\.)?{_XYZ}gyro", "gyro", "mrad/s"), (rf"(?:.*\.)?{_XYZ}acc", "accel", "mg"), (rf"(?:.*\.)?{_XYZ}mag", "mag", "mG"),

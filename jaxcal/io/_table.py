@@ -267,9 +267,6 @@ def _units(
                     raise DataError(Message(said, like=like, at=_spelled(found.columns[name], ":", ",")), code="accel_as_gyro")
             guesses[name] = _unit(name, values[name], stated, where, period, turns, name in units, signals.findings)
         except DataError as error:
-            if found.profile and where == f"from {found.profile}" and getattr(error, "code", "") == "unit_contradicts":
-                found.profile, found.units = "", {}  # the columns are not those of that device
-                return _units(table, found, raw, units, period, clock, signals)
             unsure = name == "mag" or getattr(error, "code", "") == "gravity_free" or name in found.unsure
             apart = (stated is None and unsure) or name == "temperature"
             if name in found.guessed and set(raw) - {name, "temperature"} and apart:  # the other sensors can be used without it
