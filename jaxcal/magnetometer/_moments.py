@@ -56,16 +56,23 @@ class Moments:
     """
 
     def __init__(self, sums: Samples | None = None, centre: Samples = (0.0, 0.0, 0.0), scale: float = 1.0) -> None:
-        self.sums, self.centre, self.scale = np.zeros(len(_POWERS)), np.array(centre, dtype=float), float(scale)
+        self.sums: np.ndarray = np.zeros(len(_POWERS))
+        self.centre: np.ndarray = np.array(centre, dtype=float)
+        self.scale: float = float(scale)
         if sums is not None:
             self.sums = np.array(sums, dtype=float)
             if self.sums.shape != (len(_POWERS),) or not np.all(np.isfinite(self.sums)) or self.centre.shape != (3,) or not scale > 0:
                 raise DataError("expected 35 finite sums, a centre of three numbers and a scale above zero", code="bad_moments")
-        self.count, self.held, self.outliers = int(self.sums[0]), 0, 0
+        self.count: int = int(self.sums[0])
+        self.held: int = 0
+        self.outliers: int = 0
         self._last, self._bins = np.full(3, np.nan), np.zeros(24, dtype=int)
         self.model: MagModel | None = None
-        self.field = self.noise = self.heading_error = float("inf")
-        self.verdict, self.reasons = "refused", ("few",)
+        self.field: float = float("inf")
+        self.noise: float = float("inf")
+        self.heading_error: float = float("inf")
+        self.verdict: str = "refused"
+        self.reasons: tuple[str, ...] = ("few",)
 
     def add(self, m: Samples) -> int:
         """Admit readings (n, 3), or one of (3,), and return how many. Those that repeat or lie far from the running fit are left out."""
