@@ -21,14 +21,19 @@ def plain(value: Any) -> Any:
     >>> plain({"low": np.array([1.0, np.inf]), 2: ("a", None)})
     {'low': [1.0, None], '2': ['a', None]}
     """
-    if value is None or isinstance(value, (bool, int, str)):  # most of a result are numbers
+    kind = type(value)  # most of a result is of the types that come first
+    if kind is float:
+        return value if math.isfinite(value) else None
+    if kind is str or kind is int or value is None:
+        return value
+    if kind is dict:
+        return {str(key): plain(item) for key, item in value.items()}
+    if kind is list or kind is tuple:
+        return [plain(item) for item in value]
+    if isinstance(value, bool | int | str):
         return value
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
-    if type(value) is dict:
-        return {str(key): plain(item) for key, item in value.items()}
-    if type(value) is list or type(value) is tuple:
-        return [plain(item) for item in value]
     if hasattr(value, "to_dict") and not isinstance(value, type):
         value = value.to_dict()
     if hasattr(value, "__array__"):

@@ -13,6 +13,7 @@ import numpy as np
 
 from .._errors import DataError
 from .._files import json_text, version_of, write_atomically
+from .._frozen import direct
 from .._precision import is_traced
 from ._data import data_frame, plain
 from ._findings import CAUTION, NOTE, Finding, joined, merged, ordered, verdict_of
@@ -243,6 +244,8 @@ class Result(_Said, eqx.Module):
     ----------
     findings : `Finding`s: what to know about the result. The worst severity is the `verdict`.
     """
+
+    __getattribute__ = direct
 
     if not TYPE_CHECKING:  # a type checker would treat them as arguments of every subclass
         findings: eqx.AbstractVar[tuple[Finding, ...]]

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import DataError
-from .._frozen import made
+from .._frozen import direct, made
 from .._precision import array_module, host_float64, real_numbers
 from .._quality import checked_rate, checked_whole
 from .._types import Any, Leaf, Numbers, Real, Seed
@@ -62,6 +62,8 @@ class Noise(eqx.Module):
     ----------
     IEEE Std 952-1997, annex C. The exact forms for sampled data follow from the phase covariance, see `avar`.
     """
+
+    __getattribute__ = direct
 
     Q: Leaf = eqx.field(default=0.0, converter=_number)
     N: Leaf = eqx.field(default=0.0, converter=_number)
