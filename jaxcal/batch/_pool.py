@@ -89,23 +89,28 @@ def _begin() -> None:
 
 
 class Worker:
-    """One process. If it dies, no other process is affected, and the log it held is known; the next log gets a fresh process."""
+    """One process, and its logs in turn. If it dies, no other process is affected, and the log it held is the first; the next log gets a
+    fresh process.
+    """
 
     def __init__(self, environment: dict[str, str]) -> None:
         self.context = _Context(environment)
         self.pool: ProcessPoolExecutor | None = None
         self.hello: Future | None = None
         self.began = 0.0
+        self.logs: list[Future] = []
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> Future:
         if self.pool is None:
             self.pool = ProcessPoolExecutor(1, mp_context=self.context, initializer=_begin)
             self.hello = self.pool.submit(os.getpid)
-            self.hello.add_done_callback(self._clock)  # the start of a process does not count as time of the log
-        self._clock()
-        return self.pool.submit(function, *arguments)
+            self.hello.add_done_callback(self.clock)  # the start of a process does not count as time of the log
+        if not self.logs:
+            self.clock()
+        self.logs.append(self.pool.submit(function, *arguments))
+        return self.logs[-1]
 
-    def _clock(self, _: Any = None) -> None:
+    def clock(self, _: Any = None) -> None:
         self.began = time.monotonic()
 
     @property
@@ -140,26 +145,29 @@ class Worker:
                 self.kill()
             self.pool.shutdown(wait=True, cancel_futures=True)
             self.pool = self.hello = None
+            self.logs = []
 
 
 class WorkerPool:
-    """Processes of the run itself, each with one log at a time."""
+    """Processes of the run itself, each with one log at a time, and one that waits for it while there are enough for all."""
 
     def __init__(self, workers: int, threads: int) -> None:
         environment = limits(threads)
-        self._idle = [Worker(environment) for _ in range(workers)]
+        self._workers = [Worker(environment) for _ in range(workers)]
         self._busy: dict[Future, Worker] = {}
+        self._fallen: dict[Future, bool] = {}  # a log whose process was found dead by the next one, and whether it had begun
         self._failed_starts = 0
 
-    @property
-    def room(self) -> bool:
-        return bool(self._idle)
+    def room(self, waiting: int) -> bool:
+        """Whether a worker takes a further log, if so many wait."""
+        return min(len(worker.logs) for worker in self._workers) < 1 + (waiting > len(self._workers))
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> Future:
-        worker = self._idle.pop()
+        worker = min(self._workers, key=lambda worker: len(worker.logs))
         try:
             future = worker.submit(function, *arguments)
-        except BrokenExecutor:  # the process died between two logs
+        except BrokenExecutor:  # the process has died
+            self._fallen |= dict.fromkeys(worker.logs[:1], worker.started)
             worker.close(at_once=False)
             future = worker.submit(function, *arguments)
         self._busy[future] = worker
@@ -168,9 +176,14 @@ class WorkerPool:
     def release(self, future: Future) -> bool:
         """Free the worker of a finished log. Returns whether the log killed the worker."""
         worker = self._busy.pop(future)
-        self._idle.append(worker)
+        first = future in worker.logs[:1]
+        worker.logs = [one for one in worker.logs if one is not future]
+        if future in self._fallen:
+            return self._fallen.pop(future)
         if not isinstance(future.exception(), BrokenExecutor):
             self._failed_starts = 0
+            worker.clock()
+        if not (first and isinstance(future.exception(), BrokenExecutor)):  # a log that waited behind another did not kill it
             return False
         begun, refused = worker.started, worker.refused
         worker.close(at_once=False)
@@ -188,7 +201,7 @@ class WorkerPool:
         now = time.monotonic()
         found: dict[Future, str] = {}
         for future, worker in self._busy.items():
-            if not worker.started:
+            if not worker.started or future not in worker.logs[:1]:
                 continue
             held = worker.memory
             if now - worker.began > seconds(future):
@@ -203,7 +216,7 @@ class WorkerPool:
         return found
 
     def close(self, *, at_once: bool) -> None:
-        for worker in [*self._idle, *self._busy.values()]:
+        for worker in self._workers:
             worker.close(at_once=at_once)
 
 
@@ -214,8 +227,8 @@ class GivenExecutor:
         self._executor, self._logs, self._flying = executor, logs, set()
         self._question: Future | None = None
 
-    @property
-    def room(self) -> bool:
+    def room(self, _: int) -> bool:
+        """Whether the executor takes a further log."""
         return len(self._flying) < self._logs
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> Future:

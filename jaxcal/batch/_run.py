@@ -223,7 +223,7 @@ class _Run:
         answered = time.monotonic()
 
         def fill() -> None:
-            while waiting and pool.room:
+            while waiting and pool.room(len(waiting)):
                 job = waiting.popleft()
                 page = None if self.store is None else self.store.new_page(job.path, job.topics)
                 flying[asked(pool.submit, answer, str(job.path), *self.call, self.each, job.topics, page)] = job
