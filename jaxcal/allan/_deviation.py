@@ -6,6 +6,7 @@ import os
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -26,7 +27,7 @@ from ._kernels._time_error import measure_whole
 from ._kinds import MANY, Kind, cluster_sizes, find_kind
 from ._noise_type._identify import identify, noise_types, types_for_intervals
 from ._result import Deviation, assembled
-from ._uncertainty._edf import degrees_of_freedom, interval_factors, known_uncertainty, tabulated_factors
+from ._uncertainty._edf import Whole, degrees_of_freedom, interval_factors, known_uncertainty, tabulated_factors
 
 #: function that gives the sums, which may still be computed; counts; noise types: (clusters, channels) each
 _Measured = tuple[Callable[[], Any], Any, Any]
@@ -111,11 +112,25 @@ def deviation(
     return begin(record, rate, statistic, sizes, confidence, alpha, data=data)()
 
 
+class Begun(NamedTuple):
+    """A deviation whose sums may still be computed: a call waits for them and gives the result.
+
+    The degrees of freedom of many records take less time together (`known_uncertainty` of their `whole`) and may be given.
+    """
+
+    sums: Callable[[], Any]
+    whole: Whole | None  # of a record without gaps
+    finish: Callable[..., Deviation]
+
+    def __call__(self, known: Any = None) -> Deviation:
+        return self.finish(known)
+
+
 def begin(
     y, rate: float, statistic: Kind, sizes: Int[np.ndarray, " clusters"], confidence: float, alpha: Any, *, data="rate",
     uneven: bool = True,
-) -> Callable[[], Deviation]:  # fmt: skip
-    """Start `deviation` for a checked record at given cluster sizes, and return a function that waits for the result.
+) -> Begun:  # fmt: skip
+    """Start `deviation` for a checked record at given cluster sizes.
 
     The sums of a short record are computed in the background, so a caller with many records should start one before waiting for another.
     A caller with degrees of freedom of its own need not know whether the noise is `uneven`.
@@ -137,10 +152,19 @@ def begin(
         measured = lambda: total, count, np.zeros(count.shape)
     else:
         measured = _measured(columns, sizes, statistic, rate, data, samples, alpha)
-    return lambda: _finished(y, columns, rate, statistic, sizes, confidence, samples, measured, data, findings, uneven)
+    (sums, count, noise), whole = measured, None
+    few = isinstance(y, np.ndarray) and not statistic.error and len(sizes) <= MANY
+    if few and (count == statistic.count(samples, sizes)[:, None]).all():
+        types = types_for_intervals(noise, sizes, samples, data)
+        whole = Whole(sizes.tobytes(), types.tobytes(), types.shape[1], statistic, samples, confidence)
+
+    def finish(known):
+        return _finished(y, columns, rate, statistic, sizes, confidence, samples, measured, whole, known, data, findings, uneven)
+
+    return Begun(sums, whole, finish)
 
 
-def _finished(y, columns, rate, statistic: Kind, sizes, confidence, samples: int, measured, data, findings, uneven: bool):
+def _finished(y, columns, rate, statistic: Kind, sizes, confidence, samples: int, measured, whole, known, data, findings, uneven: bool):
     """The result from sums, counts and noise types, (clusters, channels). The sums come last, because they may still be computed."""
     sums, count, noise = measured
     xp, kept = np if isinstance(y, np.ndarray) else jnp, slice(None)
@@ -159,6 +183,8 @@ def _finished(y, columns, rate, statistic: Kind, sizes, confidence, samples: int
         expected = jnp.asarray(expected, dtype=count.dtype)
     if statistic.error:  # of which no distribution is known
         edf, low, high = (np.full(count.shape, np.nan) for _ in range(3))
+    elif whole:
+        edf, low, high = known_uncertainty([whole])[0] if known is None else known
     else:
         types = types_for_intervals(noise, sizes, samples, data) if xp is np else noise
         edf, low, high = _uncertainty(types, count, expected, sizes, statistic, samples, confidence, xp)
@@ -206,8 +232,6 @@ def _missing(column, name: str):
 
 def _uncertainty(noise, count, expected, sizes, statistic: Kind, samples, confidence: float, xp):
     """The edf and the interval factors; in a trace, the factors are read from a table."""
-    if xp is np and len(sizes) <= MANY and (count == expected).all():
-        return known_uncertainty(sizes.tobytes(), noise.tobytes(), noise.shape[1], statistic, samples, confidence)
     edf = xp.asarray(degrees_of_freedom(sizes[:, None], noise, statistic, samples), dtype=expected.dtype if xp is jnp else float)
     edf = xp.maximum(edf * (count / expected), 1.0)
     if xp is np:

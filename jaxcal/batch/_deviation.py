@@ -16,11 +16,12 @@ from .._errors import DataError
 from .._quality import checked_confidence, checked_rate, checked_record
 from .._types import Checked, Leaf, Numbers, PathLike, Samples, Sizes
 from ..allan import Accumulator, Deviation, deviation as _deviation
-from ..allan._deviation import begin
+from ..allan._deviation import Begun, begin
 from ..allan._findings import FINDINGS
 from ..allan._kernels._phase import IN_CACHE, padded_length
 from ..allan._kinds import MANY, Kind, cluster_sizes, find_kind
 from ..allan._stretch import rounded
+from ..allan._uncertainty._edf import known_uncertainty
 from ..io._chunks import Chunks, array_chunks, open_chunks
 
 T = TypeVar("T", bound=Any)
@@ -116,7 +117,7 @@ def deviation(
     statistic, confidence = find_kind(kind), checked_confidence(confidence)
     found: dict[int, Deviation] = {}
 
-    def begun(i: int) -> Callable[[], Deviation]:
+    def begun(i: int) -> Begun:
         sizes = cluster_sizes(m, statistic, records[i].samples)
         y = checked_record(records[i].read(0, records[i].samples)[:, 0])
         return begin(y, rates[i], statistic, sizes, confidence, alpha)
@@ -125,12 +126,14 @@ def deviation(
     # With short NumPy steps, several threads would only wait for the interpreter and for one another.
     short = [i for i, record in enumerate(records) if record.flat and record.samples < min(chunk + 1, IN_CACHE) and _plain(m, statistic)]
     with jax.enable_x64(True):
-        waits = [(i, named(i, begun, i)) for i in short[:1]]
-        for i in short[1:]:
-            waits.append((i, named(i, begun, i)))
-            last, wait = waits.pop(0)
-            found[last] = named(last, wait)
-        found |= {i: named(i, wait) for i, wait in waits}
+        for at in range(0, len(short), MANY):
+            waits: list[tuple[int, Begun]] = []
+            for i in short[at : at + MANY]:
+                waits.append((i, named(i, begun, i)))
+                waits[max(len(waits) - 2, 0)][1].sums()
+            whole = [one.whole for _, one in waits if one.whole]
+            known = dict(zip(whole, known_uncertainty(whole), strict=True))
+            found |= {i: named(i, wait, known.get(wait.whole)) for i, wait in waits}
 
     def alone(i: int) -> Deviation:
         return named(i, _one, records[i], rates[i], int(chunk), exact, options)

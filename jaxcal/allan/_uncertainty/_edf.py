@@ -6,8 +6,11 @@ walk of rate, and for three-sample statistics -3 and -4.
 """
 
 import functools
+import itertools
 import math
+from collections.abc import Sequence
 from types import ModuleType
+from typing import NamedTuple
 
 import numpy as np
 import scipy  # loads its parts when they are first used
@@ -20,7 +23,7 @@ from ._tables import GREENHALL_RILEY
 _JMAX = 100
 #: number of points of the table of interval factors
 TABLE = 4000
-_NODES = 1024  # largest number of arguments for which a function is evaluated at each
+_NODES = 1024  # largest number of arguments for which a function is evaluated at each, and of records whose values are kept
 
 
 def _sw(t, alpha: int):
@@ -207,16 +210,40 @@ def interval_factors(edf, confidence: float) -> tuple[Float[np.ndarray, "..."], 
     return low, high
 
 
-@functools.lru_cache(maxsize=256)
-def known_uncertainty(
-    sizes: bytes, alpha: bytes, channels: int, kind: Kind, samples: int, confidence: float
-) -> Float[np.ndarray, "3 clusters channels"]:
-    """The edf and both interval factors of a record without gaps, at the sizes and (clusters, channels) types held in these bytes.
+class Whole(NamedTuple):
+    """What the degrees of freedom of a record without gaps depend on: cluster sizes, and (clusters, channels) types, held in bytes."""
 
-    They depend on the length of the record and the types, not on its samples.
+    sizes: bytes
+    types: bytes
+    channels: int
+    kind: Kind
+    samples: int
+    confidence: float
+
+
+_known: dict[Whole, np.ndarray] = {}
+
+
+def known_uncertainty(records: Sequence[Whole]) -> list[Float[np.ndarray, "3 clusters channels"]]:
+    """The edf and both interval factors of records without gaps, by one kind and confidence; as many at once as are not interpolated.
+
+    They depend on the length of a record and its types, not on its samples.
     """
-    edf = degrees_of_freedom(np.frombuffer(sizes, np.int64)[:, None], np.frombuffer(alpha).reshape(-1, channels), kind, samples)
-    return np.stack([edf, *interval_factors(edf, confidence)])
+    new = [one for one in dict.fromkeys(records) if one not in _known]
+    ends = np.cumsum([len(one.types) // 8 for one in new])
+    for _, some in itertools.groupby(zip(new, ends.tolist(), strict=True), lambda pair: 2 * pair[1] // _NODES):
+        part = [one for one, _ in some]
+        types = [np.frombuffer(one.types) for one in part]
+        sizes = np.concatenate([np.repeat(np.frombuffer(one.sizes, np.int64), one.channels) for one in part])
+        samples = np.repeat([one.samples for one in part], list(map(len, types)))
+        edf = degrees_of_freedom(sizes, np.concatenate(types), part[0].kind, samples)
+        every = np.stack([edf, *interval_factors(edf, part[0].confidence)])
+        for one, found in zip(part, np.split(every, np.cumsum(list(map(len, types)))[:-1], axis=1), strict=True):
+            _known[one] = found.reshape(3, -1, one.channels)
+    found = [_known[one] for one in records]
+    for one in list(_known)[:-_NODES]:
+        _known.pop(one, None)
+    return found
 
 
 def _tails(confidence: float) -> tuple[float, float]:
