@@ -3,6 +3,7 @@
 import functools
 import inspect
 import os
+import threading
 import warnings
 from collections.abc import Callable
 from types import ModuleType
@@ -155,6 +156,10 @@ def _as_one(function: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[st
     return program(tracers)
 
 
+#: the data of the call in progress in this thread, which `host_float64` has looked at already
+_looked = threading.local()
+
+
 def real_numbers(values: Any, name: str = "the data") -> np.ndarray:
     """An array in float64, with NaN where it is masked; refused if it does not hold real numbers of a size that squares can be taken of.
 
@@ -165,6 +170,8 @@ def real_numbers(values: Any, name: str = "the data") -> np.ndarray:
     >>> real_numbers(np.ma.masked_greater([1, 2, 9], 5))
     array([ 1.,  2., nan])
     """
+    if values is getattr(_looked, "data", None):
+        return values
     if isinstance(values, Tracer):
         raise DataError(f"{name} are needed on the host, which decides by them; call this outside of jit, vmap and grad", code="traced")
     try:
@@ -252,11 +259,14 @@ def host_float64(function: F) -> F:
         data = args[0] if args else kwargs.get(first)
         plain = isinstance(data, list) and all(isinstance(leaf, int | float) for leaf in jax.tree.leaves(data))
         if plain or isinstance(data, np.ndarray):
-            real_numbers(data)
-        with jax.enable_x64(True):
-            if any(_to_float64(leaf) is not leaf for leaf in leaves):
-                args, kwargs = map_ordered(_to_float64, (args, kwargs))
-            result = function(*args, **kwargs)
-            return map_ordered(_to_numpy, result) if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(result)) else result
+            _looked.data = known if (known := real_numbers(data)) is data else None
+        try:
+            with jax.enable_x64(True):
+                if any(_to_float64(leaf) is not leaf for leaf in leaves):
+                    args, kwargs = map_ordered(_to_float64, (args, kwargs))
+                result = function(*args, **kwargs)
+                return map_ordered(_to_numpy, result) if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(result)) else result
+        finally:
+            _looked.data = None
 
     return driver  # type: ignore[return-value]

@@ -307,7 +307,7 @@ def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: 
 
     def channel(index, run):
         with jax.enable_x64(True):  # thread-local
-            prepared = _prepare(columns[:, index], f"channel {index}" if channels > 1 else "y", statistic, rate, data, samples)
+            prepared = _prepare(columns[:, index], f"channel {index}" if channels > 1 else "y", statistic, rate, data, samples, run, split)
             total, count = record_sums(prepared, ascending, number, statistic, split, run)
             if alpha is None:
                 return total, count, noise_types(prepared[1], prepared[2], ascending, statistic, samples, data)
@@ -331,14 +331,14 @@ def _arranged(held: bytes, samples: int, statistic: Kind) -> tuple[np.ndarray, n
     return sizes[order], np.argsort(order, kind="stable"), statistic.count(samples, sizes[order])
 
 
-def _prepare(column, name: str, statistic: Kind, rate: float, data: str, samples: int):
+def _prepare(column, name: str, statistic: Kind, rate: float, data: str, samples: int, run: Callable, parts: int):
     """Padded arrays of one channel for the block kernel, and its phase and gap marks for the noise identification."""
     length = padded_length(samples)
     marks = missing = None
     rule, less = "none", 0
     buffer = aligned(length)  # values beyond the record stay arbitrary
     held = buffer[: samples + 1]
-    whole = integrate(column, held) if data == "rate" else bool(np.isfinite(np.sum(column)))
+    whole = integrate(column, held, run, parts) if data == "rate" else bool(np.isfinite(np.sum(column)))
     gone = None if whole else _missing(column, name)
     if gone is not None and gone.any():
         marks, rule, less = _gap_rule(gone[:, None], statistic, data, np)
