@@ -15,7 +15,7 @@ import numpy as np
 from jax.core import Tracer
 
 from ._errors import DataError, PrecisionWarning
-from ._jax import QUICK, has_started, is_traced as is_traced, quickly
+from ._jax import QUICK, has_started, is_traced as is_traced, quickly, setting
 
 
 class _Fork:
@@ -71,7 +71,7 @@ class _Call:
 
         self._still = map_ordered(taken, (args, kwargs))
         leaves, structure = jax.tree.flatten(self._still)
-        traced = [(leaf.shape, leaf.dtype) for leaf in self.tracers], jax.config.read("jax_enable_x64")
+        traced = [(leaf.shape, leaf.dtype) for leaf in self.tracers], setting("jax_enable_x64")
         self._key = structure, tuple(map(_known_by, leaves)), str(traced)
 
     def __hash__(self) -> int:
@@ -196,7 +196,7 @@ def real_numbers(values: Any, name: str = "the data") -> np.ndarray:
 def as_there_is(leaf: Any) -> Any:
     """An array in a trace, without float64 where that is off: JAX leaves it to one of NumPy that it has met with it, not to a new one."""
     wide = isinstance(leaf, np.ndarray | jax.Array) and leaf.dtype == np.float64
-    return leaf.astype(np.float32) if wide and not jax.config.read("jax_enable_x64") else leaf
+    return leaf.astype(np.float32) if wide and not setting("jax_enable_x64") else leaf
 
 
 def _to_float64(leaf: Any) -> Any:
@@ -244,7 +244,7 @@ def host_float64(function: F) -> F:
             )
         leaves = jax.tree.leaves((args, kwargs))
         if is_traced(leaves):
-            if not jax.config.read("jax_enable_x64"):
+            if not setting("jax_enable_x64"):
                 warnings.warn(
                     f"{function.__module__}.{function.__name__} is traced in float32, in which integrated data lose "
                     "their small differences. Put these two lines at the top of the program:\n"

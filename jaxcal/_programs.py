@@ -26,7 +26,7 @@ import numpy as np
 
 from ._errors import ExportError
 from ._files import write_atomically
-from ._jax import no_entry, restored, settings as settings_of_jax, stored
+from ._jax import no_entry, restored, setting, settings as settings_of_jax, stored
 
 _PACKAGES = ("jax", "jaxlib", "numpy", "equinox", "optimistix", "lineax")
 _KNOWN = {"jaxcal", *_PACKAGES, *sys.stdlib_module_names}
@@ -86,7 +86,7 @@ class Store:
         key = (function, tuple(slots), fixed)
         if key not in self._held:
             try:
-                name = _pickled((function, described(slots), jax.config.read("jax_enable_x64")))
+                name = _pickled((function, described(slots), setting("jax_enable_x64")))
             except (pickle.PicklingError, AttributeError, TypeError):
                 self._held[key] = None  # a function inside another one, or a user's function
             else:

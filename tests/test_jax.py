@@ -1,6 +1,7 @@
 """What jaxcal uses of JAX beyond its documented interface. If a test fails with a new JAX, do what its docstring says."""
 
 import ast
+import os
 import pathlib
 import subprocess
 import sys
@@ -17,9 +18,12 @@ PACKAGE = pathlib.Path(_jax.__file__).parent
 
 
 def test_only_one_module_uses_what_is_not_documented():
-    """Move the import to `_jax.py`, and give it a test here."""
+    """Move the import, the setting or the option of XLA to `_jax.py`, and give it a test here."""
     for path in PACKAGE.rglob("*.py"):
-        names = [getattr(node, "module", None) or "" for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))]
+        nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+        names = [getattr(node, "module", None) or "" for node in nodes]
+        names += [f"jax._src.{node.attr}" for node in nodes if ast.unparse(node) in ("jax.config.read", "jax.config.values")]
+        names += ["jaxlib" for node in nodes if isinstance(node, ast.Constant) and str(node.value).lstrip("-").startswith("xla_")]
         private = [name for name in names if name.startswith(PRIVATE)]
         assert path.name == "_jax.py" or not private, (path, private)
 
@@ -41,7 +45,9 @@ def test_a_start_is_seen():
 def test_the_options_of_the_compiler_are_known():
     """XLA dropped an option: see whether the programs of today compile as fast without it, and keep it for older versions alone."""
     assert _jax.is_quick() == (jax.default_backend() == "cpu")
-    assert jax.jit(lambda x: x + 1, compiler_options=_jax.WIDE)(1.0) == 2.0
+    assert jax.jit(lambda x: x + 1, compiler_options=_jax.WIDE | _jax.ROUGH)(1.0) == 2.0
+    code = "import jax; print(jax.numpy.ones(1)[0])"  # XLA ends a process for a flag that it does not know
+    subprocess.run([sys.executable, "-c", code], check=True, env=os.environ | {"XLA_FLAGS": _jax.ONE_THREAD})
 
     def refused(x):
         raise jax.errors.JaxRuntimeError("no such option")

@@ -61,14 +61,14 @@ def limits(threads: int) -> dict[str, str]:
 
     Further threads of a BLAS would wait in a loop, as `jaxcal.cli.main` says.
     """
-    from .._jax import setting
+    from .._jax import ONE_THREAD, setting
 
     count = str(threads)
     found = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     found |= dict.fromkeys(("POLARS_MAX_THREADS", "NPROC", "PYTHON_CPU_COUNT"), count)
     found |= {"XLA_PYTHON_CLIENT_PREALLOCATE": os.environ.get("XLA_PYTHON_CLIENT_PREALLOCATE", "false")}
     if threads == 1:
-        found["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_multi_thread_eigen=false".strip()
+        found["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {ONE_THREAD}".strip()
     names = ("jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs", "jax_persistent_cache_min_entry_size_bytes")
     return found | {name.upper(): str(value) for name in names if (value := setting(name)) is not None}
 

@@ -14,6 +14,7 @@ import numpy as np
 from .._compile import filter_jit
 from .._errors import DataError
 from .._frozen import Model
+from .._jax import ROUGH
 from .._precision import array_module, host_float64, is_traced
 from .._types import AnyArray, Array, Held, Samples
 from .._units import BEYOND
@@ -115,7 +116,7 @@ def parts_of(model: MagModel) -> tuple[Any, list[str], Callable[[Any], MagModel]
 
 
 # it runs so shortly that it is compiled without optimisation, in half the time
-@functools.partial(filter_jit, further={"xla_backend_optimization_level": 0})
+@functools.partial(filter_jit, further=ROUGH)
 def _looked(model: MagModel, leaves: Any, h: Any, field: Any, conditions: Any) -> tuple[Any, ...]:
     """Readings of the unit fields h, and their derivatives (n, 3, 3) by h and (n, 3, p) by the leaves."""
     put = parts_of(model)[2]
