@@ -170,7 +170,7 @@ def real_numbers(values: Any, name: str = "the data") -> np.ndarray:
     >>> real_numbers(np.ma.masked_greater([1, 2, 9], 5))
     array([ 1.,  2., nan])
     """
-    if values is getattr(_looked, "data", None):
+    if values is not None and values is getattr(_looked, "data", None):
         return values
     if isinstance(values, Tracer):
         raise DataError(f"{name} are needed on the host, which decides by them; call this outside of jit, vmap and grad", code="traced")

@@ -47,9 +47,9 @@ def run(
     row per log with all coefficients and intervals. `overview.html` shows the spread of every coefficient, outliers and trends. A second
     run into the same folder is refused while the first is running.
 
-    **Memory.** A worker holds one log at a time. It needs 0.3 to 0.5 GB for JAX and its programs, plus about four times the log as 8-byte
-    numbers. This process holds the coefficients (20 kB per log of six channels) and, without `out`, the results. At most two logs per
-    worker are handed out at a time.
+    **Memory.** A worker holds one log at a time, and knows the next. It needs 0.3 to 0.5 GB for JAX and its programs, plus about four times
+    the log as 8-byte numbers. This process holds the coefficients (20 kB per log of six channels) and, without `out`, the results. At most
+    two logs per worker are handed out at a time.
 
     **Processes.** By default there is one worker per core. Each is a fresh process with an equal share of the cores as threads, so that
     workers do not compete. A worker compiles each program once, and uses JAX's persistent compilation cache if this process does. A worker
