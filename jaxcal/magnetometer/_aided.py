@@ -253,7 +253,8 @@ def solved(
     lag, spread, sigma, converged = np.zeros(4), _SOFT, np.full(2, max(noise, EXACT)), False
     # `odd` takes C to the small rotation vector in C base'
     turned, odd = _TURNED if at.rotated else _SYMMETRIC, held @ (skew(np.eye(3)) @ base).reshape(3, 9) / 2
-    for turn in range(ROUNDS):
+    turn = 0
+    while True:
         if data.kind == "rates" and (turn == 0 or np.any(p[_LAG])):
             lag, p[_LAG] = lag + p[_LAG], 0.0
             data.turned(lag)
@@ -281,7 +282,8 @@ def solved(
         if not np.isfinite(p).all() or not np.isfinite(sigma).all():
             return None
         converged = bool(turn > 2 and np.abs(step / error).max() < SETTLED and np.abs(sigma / last - 1).max() < 0.01)
-        if converged:
+        turn += 1
+        if converged or turn == ROUNDS:
             break
     # a matrix that mirrors is no sensor: the attitudes contradict the readings
     matrix = p[_C].reshape(3, 3)

@@ -120,8 +120,8 @@ def _of_magnitudes(asked: Asked, surface: Surface, condition: float, weakest: st
         said.append(FINDINGS("undetermined", what=weakest))
     elif not found.converged:
         said.append(FINDINGS("not_converged", what=weakest))
-    known = None if larger is None else _of_iron(larger.model, larger.field, False, larger.matrix)
-    if known is not None and not heading_errors(by_iron(larger.model, larger.field), surface.dip, None, [known])[0][0] <= _GOOD:
+    known = larger and _of_iron(larger.model, larger.field, False, larger.matrix)
+    if larger and not heading_errors(by_iron(larger.model, larger.field), surface.dip, None, [known])[0][0] <= _GOOD:
         said.append(FINDINGS("small_model", what="a full soft iron matrix", model=found.kind))
     said += FINDINGS.over("field_differs", abs(np.log(size / norm)), found=size, given=norm) if norm else []
     # the noise of few white readings is uncertain itself: Student's distribution has the wider error

@@ -137,7 +137,7 @@ def _fitted(asked: Asked, picked: Chosen, ready: Chosen) -> Surface:
             iron = begun(u, way) if near is None or way != kind else near
         except NotEllipsoid:
             continue
-        begin = Ellipsoids.of(u, kind), quadric.parameters_of(kind, iron), 0.0 * u
+        begin: Any = Ellipsoids.of(u, kind), quadric.parameters_of(kind, iron), 0.0 * u
         begin = _object(asked, ready, iron) if own else begin
         found = maximised(*begin, way != kind)
         if own:
