@@ -250,10 +250,9 @@ def solved(
     free = np.ones(len(p), dtype=bool)
     free[_LAG], free[_DIP] = data.kind == "rates", data.kind == "vertical"
     free[_OFF] |= np.isfinite(known.off)
-    lag, spread, sigma, converged = np.zeros(4), _SOFT, np.full(2, max(noise, EXACT)), False
+    lag, spread, sigma, converged, turn = np.zeros(4), _SOFT, np.full(2, max(noise, EXACT)), False, 0
     # `odd` takes C to the small rotation vector in C base'
     turned, odd = _TURNED if at.rotated else _SYMMETRIC, held @ (skew(np.eye(3)) @ base).reshape(3, 9) / 2
-    turn = 0
     while True:
         if data.kind == "rates" and (turn == 0 or np.any(p[_LAG])):
             lag, p[_LAG] = lag + p[_LAG], 0.0
