@@ -276,7 +276,7 @@ def _candidates(rests, both, families, levels, low: _Low) -> list[tuple[int, str
         ratios = _ratios(rests[part], both[part], x, products)
         best = np.argmax(ratios, axis=-1)
         for i, j in zip(*np.nonzero(np.max(ratios, axis=-1) > levels[family] - _LEVELS["beside"]), strict=True):
-            place, density = i + (part.start or 0), int(j)
+            place, density = int(i) + (part.start or 0), int(j)
             change, ordinates = listed[best[i, j]], x[:, best[i, j]]
             if family in ("event", "edge"):
                 change, ordinates = _sharpened(change, ordinates, low, rests[place, density], both[place, density])
