@@ -134,9 +134,8 @@ class _Data:
 
     def turned(self, lag: np.ndarray) -> None:
         """Attitudes by rates without this bias and delay."""
-        at = self.at
-        segment, attitude, slope = attitudes_in_segments(at.gyro, at.rate, lag)
-        segment, self.attitude, self.slope = (x[at.rows] for x in (segment, attitude, slope))
+        segment, attitude, slope = attitudes_in_segments(self.at.gyro, self.at.rate, lag)
+        segment, self.attitude, self.slope = (x[self.at.rows] for x in (segment, attitude, slope))
         count = np.bincount(segment[segment >= 0], minlength=1)
         # a segment of one reading has no other to compare it with
         self.paired = (segment >= 0) & (count[np.maximum(segment, 0)] > 1)

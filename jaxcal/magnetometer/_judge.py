@@ -34,7 +34,7 @@ def judged(asked: Asked, surface: Surface) -> dict[str, Any]:
         none = Estimate((), np.zeros(0), np.zeros((0, 0)))
         return {"estimate": none, "heading_error": np.full(2, np.inf), "findings": surface.said}
     said, held = list(surface.said), asked.norm is not None or surface.usual is not None
-    matrices = [surface.matrix, *(np.outer(cause.step, cause.step) for cause in surface.causes)]
+    matrices = [surface.matrix, *(np.outer(step, step) for _, step, _ in surface.causes)]
     matrices = [_of_iron(model, field, held, one) for one in matrices]
     spread = matrices[0] if surface.spread is None else _of_iron(model, field, held, surface.spread)
     error, *costs = heading_errors(change_of(model, field, surface.usual), surface.dip, surface.down, matrices)
@@ -102,11 +102,11 @@ def _weakest(surface: Surface) -> tuple[float, str]:
 def _causes(surface: Surface, costs: Sequence[Any]) -> list[Finding]:
     """What the residuals follow; beside another sensor or currents only what acts alike in all attitudes."""
     said = []
-    for cause, cost in zip(surface.causes, costs, strict=True):
-        code = {FAST: "averaged", BENT: "bent"}.get(cause.name, "follows")
+    for (name, _, size), cost in zip(surface.causes, costs, strict=True):
+        code = {FAST: "averaged", BENT: "bent"}.get(name, "follows")
         if code != "follows" or not surface.joint:
-            what: dict[str, Any] = {"what": cause.name} if code == "follows" else {}
-            said.append(FINDINGS(code, cost=float(cost[0]), size=100 * cause.size, **what))
+            what: dict[str, Any] = {"what": name} if code == "follows" else {}
+            said.append(FINDINGS(code, cost=float(cost[0]), size=100 * size, **what))
     return said
 
 

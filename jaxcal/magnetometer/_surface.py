@@ -30,14 +30,6 @@ _FARTHEST = 1e3  # sizes of the log: an ellipsoid so large is a plane
 _FEWEST = 80  # readings for which the correlation time is known well enough
 
 
-class Cause(NamedTuple):
-    """One cause: its name, the step of the estimate that it explains, its largest effect on a reading over the field."""
-
-    name: str
-    step: np.ndarray
-    size: float
-
-
 class Surface(NamedTuple):
     """What a fit knows: a fitted surface, or findings why there is none, and the normal of a plane of the readings; then the attitudes.
 
@@ -46,7 +38,8 @@ class Surface(NamedTuple):
     of the whole matrix C H, hard iron and further leaves by its parameters.
     model, field : what it says of the iron. further, usual : values of further leaves, and the median of each condition. matrix, freedom :
     (12 + q, 12 + q) covariance of C H, hard iron and further leaves, and its degrees of freedom. parts : whether it is that of fits without
-    parts of the log. causes : what the residuals follow; their steps are in the covariance.
+    parts of the log. causes : what the residuals follow: name, step of the estimate that it explains, which is
+    in the covariance, and largest effect on a reading over the field.
     corrected : all readings. residual : (n,) their distances, and noise : their standard deviation, in their unit.
     unseen : (12,) bias by terms that a smaller model leaves out, or of another method. larger : surface of the largest model, if another.
     dip, down : of the field, and the axis that points down at level, or None. joint : kind of a fit with a sensor beside, or currents;
@@ -73,7 +66,7 @@ class Surface(NamedTuple):
     matrix: Any = None
     freedom: Any = np.inf
     parts: bool = False
-    causes: tuple[Cause, ...] = ()
+    causes: tuple[tuple[str, np.ndarray, float], ...] = ()
     dip: Any = None
     down: Any = None
     joint: str = ""
@@ -201,11 +194,11 @@ def _uncertain(one: Surface, conditions: dict[str, np.ndarray]) -> Surface:
     if np.isfinite(matrix).all() and found.converged and found.noise > EXACT * one.radius:
         causes = tuple(_causes(one, conditions)) if one.usual is None else ()
         matrix, parts = by_parts(matrix, found.near.slopes, found.distance)
-    matrix = between(one.slopes, matrix) + sum(np.outer(step, step) for step in [one.unseen, *(cause.step for cause in causes)])
+    matrix = between(one.slopes, matrix) + sum(np.outer(step, step) for step in [one.unseen, *(step for _, step, _ in causes)])
     return one._replace(matrix=matrix, freedom=float(BLOCKS - 1) if parts else freedom, parts=parts, causes=causes)
 
 
-def _causes(one: Surface, conditions: dict[str, np.ndarray]) -> list[Cause]:
+def _causes(one: Surface, conditions: dict[str, np.ndarray]) -> list[tuple[str, np.ndarray, float]]:
     """The causes that the residuals beside an ellipsoid show, the surest first."""
     found, causes, jacobian = one.found, [], one.found.near.slopes
     if len(found.distance) < _FEWEST:
@@ -218,7 +211,7 @@ def _causes(one: Surface, conditions: dict[str, np.ndarray]) -> list[Cause]:
         if chance < CHANCE:
             effect, length = part @ coefficients, np.linalg.norm(jacobian, axis=0)
             step = np.linalg.lstsq(jacobian / length, effect, rcond=1e-9)[0] / length
-            causes.append((chance, Cause(name, one.slopes @ step, float(np.max(np.abs(effect))) / one.radius)))
+            causes.append((chance, (name, one.slopes @ step, float(np.max(np.abs(effect))) / one.radius)))
     return [cause for _, cause in sorted(causes, key=lambda one: one[0])]
 
 

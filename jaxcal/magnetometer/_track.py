@@ -77,11 +77,6 @@ class Track(Result):
         return (np.asarray(m) - self.at(time)) @ np.linalg.inv(self.soft_iron).T
 
     @property
-    def model(self) -> MagModel:
-        """The calibration at the end of the log, from which to go on."""
-        return MagModel(self.soft_iron, self.hard_iron[-1])
-
-    @property
     def headline(self) -> str:
         """How long a calibration holds."""
         if "drifts" not in self.codes:

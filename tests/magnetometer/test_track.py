@@ -42,7 +42,7 @@ def test_steady_iron_and_a_trend():
     rate = np.linalg.solve(moving.soft, (moving.hard[-1] - moving.hard[0]) / 2) / np.cos(flights.DIP)  # rad in an hour, by axis
     assert found.interval / 3600 == pytest.approx(np.deg2rad(1.0) / np.sqrt(np.mean(rate**2)), rel=0.1)
     assert found.cost == pytest.approx(2 / np.sqrt(12) * np.sqrt(np.mean(rate**2)), rel=0.1)
-    np.testing.assert_allclose(found.model.hard_iron, moving.hard[-1], atol=5e-3)
+    np.testing.assert_allclose(found.hard_iron[-1], moving.hard[-1], atol=5e-3)
 
 
 def test_a_level_vehicle_with_a_known_soft_iron_and_spikes():
