@@ -169,7 +169,7 @@ def test_lists_of_readings_as_json(call, folder, counts):
         assert np.abs(np.array(json.loads((folder / f"{name}-out.json").read_text())["model"]["hard_iron"]) - [50, -20, 10]).max() < 3
     (folder / "arrays.json").write_text(json.dumps({"mag": (1e-1 * counts).tolist(), "sensor": 3}))
     assert call("mag", "arrays.json", "--units", "mag=uT", "--json", "out.json").status == 0
-    for content, reason in (("[1, 2", "no JSON"), ("{}", "no readings"), ("[" * 5000, "")):
+    for content, reason in (("[1, 2", "read as JSON"), ("{}", "no readings"), ("[" * 5000, "")):
         (folder / "bad.json").write_text(content)
         found = call("mag", "bad.json")
         assert (found.status, reason in found.reason) == (1, True)
