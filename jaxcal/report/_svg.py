@@ -83,7 +83,9 @@ def figure(
     letters: Sequence[tuple[str, Any, Any]] = (),
 ) -> Markup:  # fmt: skip
     """Make a figure with its caption; `names` label the colours in the key. With `letters` and their places it has no other axes."""
-    placed = (tag("text", word, x=f"{_across(x, a):.1f}", y=f"{_up(y, b) + 4:.1f}", text_anchor="middle") for word, a, b in letters)
+    placed = (
+        tag("text", word, x=f"{_across(x, [a])[0]:.1f}", y=f"{_up(y, [b])[0] + 4:.1f}", text_anchor="middle") for word, a, b in letters
+    )
     back = join(placed) if letters else _grid(x, y)
     parts = [tag("title", title, id=f"{prefix}-title"), tag("desc", about, id=f"{prefix}-desc"), back]
     clip = f"{prefix}-clip"
