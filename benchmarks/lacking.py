@@ -136,7 +136,8 @@ def roots(run):
 def sessions(run):
     """Scale over temperature from three sessions: inside its intervals at five temperatures."""
     found, _, truth = test_thermal.calibrated(run)
-    return np.array([0.5 if test_thermal.scale_inside(found, truth, t) else 1.5 for t in (0.0, 12.0, 25.0, 40.0, 50.0)]), True, False
+    inside = [test_thermal.scale_inside(found, truth, t) for t in (0.0, 12.0, 25.0, 40.0, 50.0)]
+    return np.where(np.ravel(inside), 0.5, 1.5), True, False
 
 
 MEMORY, TURNS = {"lack_accel", "lack_memory", "memory_possible"}, {"held_out", "turns_disagree", "poor", "lack_gyro", "few_turns_left"}

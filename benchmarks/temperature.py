@@ -71,7 +71,7 @@ def lag(runs):
 
 def doubts(runs):
     print(f"\n{runs} records each: curve inside its intervals of 95 %, rms left on the next cycle, verdicts, findings\n")
-    for case in ("none", "coarse thermometer", "two lags", "ageing"):
+    for case in ("coarse thermometer", "two lags", "ageing"):
         inside, left, verdicts, codes = zip(*(_thermal.doubtful(case, run) for run in range(runs)), strict=True)
         said = dict(collections.Counter(code for one in codes for code in one)), dict(collections.Counter(verdicts))
         print(f"{case}: {100 * np.mean(inside):.1f} %, {np.sqrt(np.mean(np.square(left))):.3f}, {said}", flush=True)
