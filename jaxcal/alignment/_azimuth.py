@@ -92,9 +92,14 @@ def _angle(name: str, value: Any, std: Any) -> Number:
 
 @host_float64
 def azimuth(
-    readings: Readings, level: "Level | Numbers", latitude: Real, *, method: str = "four_point", hint: Real | None = None,
-    angle: Real | None = None
-) -> Azimuth:  # fmt: skip
+    readings: Readings,
+    level: "Level | Numbers",
+    latitude: Real,
+    *,
+    method: str = "four_point",
+    hint: Real | None = None,
+    angle: Real | None = None,
+) -> Azimuth:
     r"""Compute the azimuth of a table at rest from the readings of one gyro, the level and the latitude.
 
     .. math:: \psi = \operatorname{atan2}\big((u_1\sin\theta\sin\phi - u_2)/\cos\phi,\; u_1\big)

@@ -31,10 +31,19 @@ def given_noise(noise: Any, name: str) -> Any:
 
 @host_float64
 def crlb(
-    positions: Positions | Numbers, attitude: Numbers, latitude: Real, *, accel_noise: NoiseLike, gyro_noise: NoiseLike,
-    free: Iterable[str] | None = None, priors: dict[str, Any] | None = None, accel: Sensor = IDEAL, gyro: Sensor = IDEAL,
-    lever_arm: Real = 0.0, gravity: Real = GRAVITY
-) -> Bound:  # fmt: skip
+    positions: Positions | Numbers,
+    attitude: Numbers,
+    latitude: Real,
+    *,
+    accel_noise: NoiseLike,
+    gyro_noise: NoiseLike,
+    free: Iterable[str] | None = None,
+    priors: dict[str, Any] | None = None,
+    accel: Sensor = IDEAL,
+    gyro: Sensor = IDEAL,
+    lever_arm: Real = 0.0,
+    gravity: Real = GRAVITY,
+) -> Bound:
     r"""Compute the Cramer-Rao bound of the joint fit, :math:`(J^T J)^{-1}` of the whitened Jacobian with the priors.
 
     Parameters
@@ -90,7 +99,7 @@ def crlb(
     table, model = in_one_type((dataclasses.replace(table, prior=0 * weight, certainty=weight), model), dtype)
     mask = np.array([name in chosen for name in NAMES])
     jacobian = jacobian_at(model, table)
-    known = know(jacobian if is_traced(jacobian) else np.asarray(jacobian), 2 * table.accel.size, mask, sizes_of(NAMES, gravity, positions))
+    known = know(jacobian if is_traced(jacobian) else np.asarray(jacobian), table.readings.size, mask, sizes_of(NAMES, gravity, positions))
     states = {name: "held" for name in NAMES if name not in chosen}
     if not is_traced(known.lost):
         states |= {name: "open" for name, lost in zip(NAMES, known.lost, strict=True) if lost}

@@ -11,7 +11,7 @@ FINDINGS = table(
     # the answer of a method: the first of them that holds
     undecided=Kind(
         FATAL, "Several roots fit the readings and nothing decides between them.",
-        "Give a rough azimuth with {option.hint}; where the latitude is estimated, give it, or {option.hemisphere}.",
+        "Give a rough azimuth with {option.hint}; for an unknown latitude, {option.hemisphere}, or {option.latitude} itself.",
     ),
     scale_chosen=Kind(NOTE, "Two roots have a positive scale factor; the one with the scale factor nearest 1 is chosen."),
     clipped=Kind(CAUTION, "The sine or cosine exceeds 1, by noise, a wrong gravity or a scale error; the nearest angle is given."),
@@ -47,13 +47,13 @@ FINDINGS = table(
     ),
     unchecked=Kind(NOTE, "There are as many parameters as readings: nothing checks the fit."),
     prior_alone=Kind(NOTE, "From the prior alone: {names}."),
-    mirrored=Kind(NOTE, "Without a z reading, 180 deg less roll and minus the azimuth give the same; the smaller roll is taken."),
+    mirrored=Kind(NOTE, "Without a z reading, a table upside down (180 deg less the roll, minus the azimuth) fits, too; it is ruled out."),
     drift=Kind(
-        CAUTION, "The gyro's bias drifts by {size} during the test. The fit includes it; without, the azimuth would be off by {change}.",
+        CAUTION, "The bias drifts by {size} during the test. The fit includes it; without, the azimuth would be off by {change}.",
         "Let it warm up.", limits=(1e-3,),  # probability of such a drift by chance
     ),
     drift_open=Kind(
-        FATAL, "The gyro's bias drifts, and these readings cannot tell the drift from the azimuth.",
+        FATAL, "The bias drifts, and these readings cannot tell the drift from the azimuth.",
         "Measure each position twice, there and back, or let the gyro warm up.",
     ),
     tilt=Kind(
@@ -65,8 +65,8 @@ FINDINGS = table(
         "Measure in the order {order} deg.", limits=(1.2,),  # times the change with that order
     ),
     angles_open=Kind(
-        NOTE, "The intervals allow for errors of the table's angles that the readings do not exclude: {level:.2g} of roll and pitch, "
-        "{azimuth:.2g} of the azimuth.", "Give {option.angle_std}, 0 where they are exact.", limits=(1.0,),  # times the errors by noise
+        NOTE, "The intervals allow for errors of the table's angles. With exact angles they would be ± {azimuth:.2g} of the azimuth, "
+        "± {level:.2g} of roll and pitch.", "Give {option.angle_std}, 0 for exact ones.", limits=(2**0.5,),  # times those with exact angles
     ),
     # the raw log of a table
     rests=Kind(NOTE, "{count} rests of {least:.4g} to {most:.4g} were found, at {angles} deg.", guess=True),

@@ -36,10 +36,18 @@ _FEWEST = 0.5
 
 @host_float64
 def fit(
-    readings: Readings, latitude: Real | None = None, *, free: Iterable[str] | None = None, priors: dict[str, Any] | None = None,
-    start: dict[str, Any] | None = None, model: Turntable | None = None, hint: Real | None = None, hemisphere: str | None = None,
-    gravity: Real = GRAVITY, noise: NoiseLike | None = None
-) -> AlignmentFit:  # fmt: skip
+    readings: Readings,
+    latitude: Real | None = None,
+    *,
+    free: Iterable[str] | None = None,
+    priors: dict[str, Any] | None = None,
+    start: dict[str, Any] | None = None,
+    model: Turntable | None = None,
+    hint: Real | None = None,
+    hemisphere: str | None = None,
+    gravity: Real = GRAVITY,
+    noise: NoiseLike | None = None,
+) -> AlignmentFit:
     r"""Fit roll, pitch, azimuth, sensor errors and, optionally, latitude by joint nonlinear least squares.
 
     .. math:: \min\ (a - \hat a)^T C_a^{-1} (a - \hat a) + (w - \hat w)^T C_g^{-1} (w - \hat w)
@@ -178,7 +186,7 @@ def _joint(readings: Readings, gravity: Any, o: _Options) -> tuple[AlignmentFit,
 def _solved(readings: Readings, gravity: Any, noise: dict[str, Any], o: _Options) -> tuple[Fit, Table, Any]:
     """Fit; return the fit, its data, and whether a second set of parameters fits equally well."""
     table = tabulate(readings, gravity, list(noise.values()))
-    xp, dtype, chosen = array_module(table, o), table.accel.dtype, o.chosen
+    xp, dtype, chosen = array_module(table, o), table.readings.dtype, o.chosen
     places = padded(readings.positions)
     level = _level(noise["gyro"], places, table.measured[1])
     # the solution does not depend on the start of a free parameter, so only fixed parameters keep their derivative
@@ -206,10 +214,10 @@ def _solved(readings: Readings, gravity: Any, noise: dict[str, Any], o: _Options
 def _described(found: Fit, table: Table, readings: Readings, sizes: Any, twofold: Any, noise_known: bool, o: _Options) -> AlignmentFit:
     """Covariance, test of fit and verdict; in NumPy, which needs no compilation, unless the call is traced."""
     xp = array_module(found, table)
-    r, jacobian, n, free, names = found.residuals, found.jacobian, table.accel.size, np.array(o.free), o.names
+    r, jacobian, n, free, names = found.residuals, found.jacobian, table.readings.shape[1], np.array(o.free), o.names
     known_of = know(jacobian, 2 * n, free, sizes)
     finite = xp.where(xp.isfinite(known_of.covariance), known_of.covariance, 0)
-    counted = xp.concatenate([*table.measured, table.certainty > 0])
+    counted = xp.concatenate([table.measured.reshape(-1), table.certainty > 0])
     dof = xp.sum(counted) - known_of.rank_with_priors
     chi_square = xp.sum(r**2)
     # on the host without SciPy's special functions, which are slow to load
@@ -257,15 +265,16 @@ def _in_range(xp: Any, values: Any, covariance: Any) -> tuple[Any, Any]:
 
 def _spare(found: Fit, table: Table, covariance: AnyArray) -> tuple[AnyArray, AnyArray]:
     """(2,) degrees of freedom of each sensor, and sums of its squared residuals; `covariance` is zero where nothing is determined."""
-    xp, n = array_module(found, table), table.accel.size
+    xp, n = array_module(found, table), table.readings.shape[1]
     left = 1 - xp.einsum("mi,ij,mj->m", found.jacobian, covariance, found.jacobian)
-    here = xp.stack(table.measured)
-    return xp.sum(xp.where(here, left[: 2 * n].reshape(2, n), 0.0), axis=1), xp.sum(found.residuals[: 2 * n].reshape(2, n) ** 2, axis=1)
+    return xp.sum(xp.where(table.measured, left[: 2 * n].reshape(2, n), 0.0), axis=1), xp.sum(
+        found.residuals[: 2 * n].reshape(2, n) ** 2, axis=1
+    )
 
 
 def _freedom(found: Fit, table: Table, fitted: AlignmentFit, estimated: dict[str, float]) -> np.ndarray:
     """Degrees of freedom of every variance (Satterthwaite), from the shares of the sensors with an estimated noise level."""
-    finite, n = np.where(np.isfinite(fitted.covariance), fitted.covariance, 0), table.accel.size
+    finite, n = np.where(np.isfinite(fitted.covariance), fitted.covariance, 0), table.readings.shape[1]
     doubt = np.zeros(len(fitted.names))
     for i, name in enumerate(SENSORS):
         if name in estimated:

@@ -19,17 +19,16 @@ from ._positions import EARTH_RATE, ROUNDING, SMALL, Readings, wrap
 from ._result import AlignmentFit, sizes_of
 
 _DEG_PER_HOUR = np.deg2rad(1.0) / 3600
-#: standard deviations of the table's angles, from exact ones to those set by hand: equally probable where none is given
-_ENCODER = np.deg2rad([0.0, 0.02, 0.05, 0.1, 0.2])
+#: standard deviations of a table's angles, from those set by hand to those of an encoder (11 arcsec): equally probable where none is given
+_ENCODER = np.deg2rad(0.2) / 2.0 ** np.arange(7)
 _OPPOSITE = 0.1  # rad: positions this close to a half turn apart are a pair
 _PASSES = 2  # of the linear search for terms: about the answer without them, and about that with them
 (_MISFIT,) = FINDINGS["misfit"].limits
 
 
 def checked(
-    found: AlignmentFit, table: Table, gravity: Any, noise: dict[str, Any], spare: dict[str, float] | None,
-    refit: Callable[[Readings, dict[str, Any]], AlignmentFit],
-) -> AlignmentFit:  # fmt: skip
+    found: AlignmentFit, table: Table, gravity: Any, noise: dict, spare: dict[str, float] | None, refit: Callable[..., AlignmentFit]
+) -> AlignmentFit:
     """A fit after a look for what it leaves out: with what the readings show; its errors allow for what they nearly show.
 
     A term that the model lacks is there with the odds LEVEL / `Missing.level`, which are even where a term counts as shown. The covariance
@@ -57,7 +56,7 @@ def checked(
         effect, change = effect + added, look.values - np.asarray(first.estimate.values)
         if sensor == "accel":
             tilt = Quantity(math.hypot(*best.coefficient) * float(np.ptp(readings.positions.time)), "angle")
-            said.insert(0, FINDINGS("tilt", sensor, tilt=tilt, change=Quantity(math.hypot(*change[:2]), "angle")))
+            said.insert(0, FINDINGS("tilt", tilt=tilt, change=Quantity(math.hypot(*change[:2]), "angle")))
         else:
             size, change = Quantity(float(np.ptp(added[1])), "B.gyro"), Quantity(abs(float(wrap(change[2]))), "angle")
             said.insert(0, FINDINGS("drift", sensor, size=size, change=change))
@@ -70,17 +69,18 @@ def checked(
     if np.any(effect):
         less = {name: own - more for name, more in zip(SENSORS, effect, strict=True) if (own := getattr(readings, name)) is not None}
         found = refit(dataclasses.replace(readings, **less), begin)
-    if readings.positions.angle_std is None:
-        more = look.angles()
-        allowed, size = allowed + more, np.sqrt(np.diag(more)[:3])
-        level, azimuth = Quantity(math.hypot(*size[:2]), "angle"), Quantity(float(size[2]), "angle")
-        ratio = np.max(size / np.sqrt(np.maximum(np.diag(found.covariance)[:3], ROUNDING**2)))
-        said += FINDINGS.over("angles_open", ratio, level=level, azimuth=azimuth)
     own, wide = found.estimate, found.estimate
     if "misfit" in found.codes:
         off = [name for name in spare if _log_tail(getattr(found, f"{name}_residual"), spare[name]) < np.log((1 - _MISFIT) / len(SENSORS))]
         wide = refit(dataclasses.replace(found.readings, **{f"{name}_noise": None for name in off}), begin).estimate
-    estimate = Estimate(own.names, own.values, wide.matrix + allowed, wide.freedom, own.states | states, own.quantities)
+    made = lambda matrix: Estimate(own.names, own.values, matrix, wide.freedom, own.states | states, own.quantities)  # noqa: E731
+    estimate = made(wide.matrix + allowed)
+    if readings.positions.angle_std is None:
+        exact, estimate = estimate, made(estimate.matrix + look.angles())
+        least, most = (np.diff(one.intervals(), axis=1)[:3, 0] / 2 for one in (exact, estimate))
+        level, azimuth = Quantity(float(max(least[:2])), "angle"), Quantity(float(least[2]), "angle")
+        if "misfit" not in found.codes:
+            said += FINDINGS.over("angles_open", np.max(most / np.maximum(least, ROUNDING)), level=level, azimuth=azimuth)
     return dataclasses.replace(found, estimate=estimate, readings=readings, findings=(*found.findings, *said))
 
 
@@ -91,7 +91,7 @@ class _Look:
     ----------
     values : (p,) parameters, with the terms that were found. free : places of those that are estimated.
     data : readings without these terms. terms : sensor -> term -> (2, n, q) its effect on these. rests : number of rests.
-    turned : (2, n, rests) effect of an error of the angle of each rest, per rad.
+    turned : (2, n, rests) effect of an error of the angle of each rest, per rad. places : (rests,) angles in whole degrees.
     """
 
     def __init__(self, found: AlignmentFit, table: Table, gravity: Any, noise: dict[str, Any]):
@@ -99,17 +99,19 @@ class _Look:
         parts = readings if readings.parts is None else readings.parts
         self.model, self.free, self.values = found.model, np.flatnonzero(found.free), np.array(found.estimate.values)
         self.sizes = np.asarray(sizes_of(found.names, gravity, readings.positions))
-        self.terms, self.rests = _terms(found, parts, gravity), len(np.unique(readings.positions.start))
+        begin, first = np.unique(np.asarray(readings.positions.start), return_index=True)
+        self.terms, self.rests = _terms(found, parts, gravity), len(begin)
+        self.places = whole(readings.positions.angle)[first]
         data = tabulate(parts, gravity, list(noise.values()), table.prior, table.certainty)
-        rest = np.searchsorted(np.unique(readings.positions.start), np.asarray(parts.positions.start) + SMALL) - 1
+        rest = np.searchsorted(begin, np.asarray(parts.positions.start) + SMALL) - 1
         each = np.stack(turned(found.model, parts.positions, gravity, parts.lever_arm))
         self.turned = each[:, :, None] * np.eye(self.rests)[rest]
         self.data = with_angle_errors(data, found.model, parts.positions, gravity, parts.lever_arm)
 
     def _less(self, effect: np.ndarray) -> Table:
         """Readings without an effect (2, n)."""
-        accel, gyro = (long(one, self.data.accel.size) for one in effect)
-        return dataclasses.replace(self.data, accel=self.data.accel - accel, gyro=self.data.gyro - gyro)
+        effect = np.stack([long(one, self.data.readings.shape[1]) for one in effect])
+        return dataclasses.replace(self.data, readings=self.data.readings - effect)
 
     def rows(self, values: np.ndarray, data: Table | None = None) -> np.ndarray:
         """Whitened residuals at these parameters."""
@@ -150,16 +152,23 @@ class _Look:
         return np.stack([self.rows(self.values, self._less(-one)) - rows for one in np.moveaxis(effect, 2, 0)], axis=1)
 
     def angles(self) -> np.ndarray:
-        """(p, p) what errors of the table's angles add to the covariance, by what the residuals leave possible."""
+        """(p, p) what errors of the table's angles add to the covariance, by what the residuals leave possible.
+
+        Errors are of their own at each rest, or the same ones at the same angle, of which repeated readings show nothing: both are equally
+        probable.
+        """
         rows, slope = self.rows(self.values), self._slope()
-        made = self._moved(self.turned, rows)
-        change, basis = np.zeros((len(self.values), self.rests)), np.linalg.qr(slope)[0]
-        change[self.free] = np.linalg.lstsq(slope, made)[0]
-        shapes, size, _ = np.linalg.svd(made - basis @ (basis.T @ made), full_matrices=False)
-        larger = 1 + np.multiply.outer(_ENCODER**2, size**2)
-        likely = -np.sum(np.log(larger) + (shapes.T @ rows) ** 2 / larger, axis=1) / 2
-        share = np.exp(likely - likely.max())
-        return share @ _ENCODER**2 / share.sum() * change @ change.T
+        made, basis = self._moved(self.turned, rows), np.linalg.qr(slope)[0]
+        likely, added = [], []
+        for which in (np.eye(self.rests), self.places[:, None] == np.unique(self.places)):
+            effect, change = made @ which, np.zeros((len(self.values), which.shape[1]))
+            change[self.free] = np.linalg.lstsq(slope, effect)[0]
+            shapes, size, _ = np.linalg.svd(effect - basis @ (basis.T @ effect), full_matrices=False)
+            larger = 1 + np.multiply.outer(_ENCODER**2, size**2)
+            likely.append(np.sum((1 - 1 / larger) * (shapes.T @ rows) ** 2 - np.log(larger), axis=1) / 2)
+            added.append(np.multiply.outer(_ENCODER**2, change @ change.T))
+        share = np.exp(np.concatenate(likely) - np.max(np.concatenate(likely)))
+        return np.tensordot(share / share.sum(), np.concatenate(added), 1)
 
 
 def _log_tail(rows: np.ndarray, freedom: float) -> float:
@@ -204,7 +213,7 @@ def _order(found: AlignmentFit) -> list[Finding]:
         return []
     now, then = _sensitivity(angle, time, axis), _sensitivity(order, np.arange(len(order)), 0 * order)
     size = Quantity(now / float(np.cos(found.latitude)), "angle")
-    return FINDINGS.over("drift_order", now / then, size=size, order=", ".join(f"{round(x, 1):g}" for x in np.rad2deg(order)))
+    return FINDINGS.over("drift_order", now / then, size=size, order=", ".join(f"{x:g}" for x in whole(order)))
 
 
 def there_and_back(angle: np.ndarray) -> np.ndarray:
@@ -219,10 +228,15 @@ def there_and_back(angle: np.ndarray) -> np.ndarray:
     >>> np.rad2deg(there_and_back(np.deg2rad([0, 90, 180, 270]))).round()
     array([  0., 180., 180.,   0.,  90., 270., 270.,  90.])
     """
-    distinct = np.unique(np.round(np.mod(angle, 2 * np.pi), 3))
+    distinct = np.deg2rad(np.unique(whole(angle)))
     pairs = [(a, b) for a in distinct for b in distinct if a < b and abs(b - a - np.pi) < _OPPOSITE]
     forth = [(a, b, b, a) for a, b in pairs] if 2 * len(pairs) == len(distinct) else [distinct, distinct[::-1]]
     return np.concatenate(forth)
+
+
+def whole(angle: Any) -> np.ndarray:
+    """Angles (rad) in whole degrees, from 0 to 359."""
+    return np.mod(np.round(np.rad2deg(np.asarray(angle))), 360)
 
 
 def _sensitivity(angle: np.ndarray, time: np.ndarray, axis: np.ndarray) -> float:

@@ -14,7 +14,7 @@ from .._frozen import Model
 from .._precision import array_module
 from .._types import AnyArray, Leaf, Real
 from ..noise import Noise
-from ._noise import Sensor, covariance_of, weight_of
+from ._noise import Sensor, covariance_of, joined, weight_of
 from ._positions import EARTH_RATE, GRAVITY, Geometry, Places, Positions, Readings, geometry, table_from_nav
 
 _SMALLEST_PAD = 16
@@ -187,13 +187,11 @@ class Table(eqx.Module):
     Attributes
     ----------
     places : `Geometry` of the positions, padded so that one compiled program serves position lists of different lengths.
-    accel, gyro : (n,) readings, m/s^2 and rad/s.
-    weight_accel, weight_gyro : (n,) reciprocal standard deviation, zero if not measured; or (n, n) inverse Cholesky factor of the
-        covariance if the noise is not white.
+    readings : (2, n) of the accelerometer, m/s^2, and of the gyro, rad/s.
+    weight : (2 n,) reciprocal standard deviations, zero if not measured; or (2 n, 2 n) inverse Cholesky factor of the covariance, if the
+        noise is not white, or errors of the table angles correlate the two sensors.
     prior, certainty : (p,) prior means and reciprocal standard deviations in the order of the model's parameters, zero for a parameter
         without prior; None for no priors.
-    weight_both : (2 n, 2 n) inverse Cholesky factor of the covariance of all readings, if errors of the table angles correlate the two
-        sensors; None if the sensors are independent.
 
     Examples
     --------
@@ -201,23 +199,20 @@ class Table(eqx.Module):
     >>> from jaxcal.alignment import Readings
     >>> from jaxcal.alignment._model import tabulate
     >>> table = tabulate(Readings(np.zeros(1), accel=np.array([2e-3]), accel_noise=1e-3))
-    >>> print(float(table.accel[0]), float(table.weight_accel[0]), table.measured[1].any())
+    >>> print(float(table.readings[0, 0]), float(table.weight[0]), table.measured[1].any())
     0.002 1000.0 False
     """
 
     places: Geometry
-    accel: AnyArray
-    gyro: AnyArray
-    weight_accel: AnyArray
-    weight_gyro: AnyArray
+    readings: AnyArray
+    weight: AnyArray
     prior: Any = None
     certainty: Any = None
-    weight_both: Any = None
 
     @property
-    def measured(self) -> list[AnyArray]:
-        """Two arrays (n,): the rows measured by the accelerometer, and the rows measured by the gyro."""
-        return [(weight if weight.ndim == 1 else weight.diagonal()) > 0 for weight in (self.weight_accel, self.weight_gyro)]
+    def measured(self) -> AnyArray:
+        """(2, n) flags of the rows that the accelerometer and the gyro measured."""
+        return (self.weight if self.weight.ndim == 1 else self.weight.diagonal()).reshape(2, -1) > 0
 
 
 def residuals(model: Turntable, data: Table | Readings) -> Any:
@@ -249,17 +244,13 @@ def residuals(model: Turntable, data: Table | Readings) -> Any:
     See `fit`.
     """
     table = tabulate(data) if isinstance(data, Readings) else data
-    accel, gyro = model.measure(table.places)
-    xp = array_module(accel, gyro, table)
-    weighted = lambda weight, off: weight * off if weight.ndim == 1 else weight @ off  # noqa: E731
-    off = accel - table.accel, gyro - table.gyro
-    if table.weight_both is None:
-        parts = [weighted(table.weight_accel, off[0]), weighted(table.weight_gyro, off[1])]
-    else:
-        parts = [table.weight_both @ xp.concatenate(off)]
-    if table.prior is not None:
-        parts.append(table.certainty * (xp.stack([xp.asarray(leaf) for leaf in jax.tree.leaves(model)]) - table.prior))
-    return xp.concatenate(parts)
+    made = model.measure(table.places)
+    xp = array_module(made, table)
+    off = xp.concatenate(made) - table.readings.reshape(-1)
+    off = table.weight * off if table.weight.ndim == 1 else table.weight @ off
+    if table.prior is None:
+        return off
+    return xp.concatenate([off, table.certainty * (xp.stack([xp.asarray(leaf) for leaf in jax.tree.leaves(model)]) - table.prior)])
 
 
 def padded(positions: Positions) -> Positions:
@@ -292,18 +283,15 @@ def tabulate(readings: Readings, gravity: Any = GRAVITY, noise: Any = None, prio
     """
     xp = array_module(readings, gravity, noise, prior, certainty)
     noise = noise or [Noise(N=1.0) if own is None else own for own in (readings.accel_noise, readings.gyro_noise)]
-    places = padded(readings.positions)
-    values, weights, size = [], [], len(readings.positions)
-    for name, own in zip(("accel", "gyro"), noise, strict=True):
-        given = getattr(readings, name)
-        given = xp.full(size, xp.nan) if given is None else xp.asarray(given)
-        padding = xp.full(places.dwell.size - size, xp.nan, dtype=given.dtype)
-        value = xp.concatenate([given, padding])
-        here = xp.isfinite(value)
-        values.append(xp.where(here, value, 0))
-        weights.append(weight_of(covariance_of(own, places, here), here))
-    table = Table(geometry(places, gravity, readings.lever_arm), values[0], values[1], weights[0], weights[1], prior, certainty)
-    return in_one_type(table, values[0].dtype if readings.accel is not None else values[1].dtype)
+    places, size = padded(readings.positions), len(readings.positions)
+    given = [xp.full(size, xp.nan) if one is None else xp.asarray(one) for one in (readings.accel, readings.gyro)]
+    dtype = given[0 if readings.accel is not None else 1].dtype
+    values = xp.pad(
+        xp.stack([xp.asarray(one, dtype=dtype) for one in given]), ((0, 0), (0, places.dwell.size - size)), constant_values=np.nan
+    )
+    here = xp.isfinite(values)
+    weight = weight_of(joined([covariance_of(own, places, one) for own, one in zip(noise, here, strict=True)]), here.reshape(-1))
+    return in_one_type(Table(geometry(places, gravity, readings.lever_arm), xp.where(here, values, 0), weight, prior, certainty), dtype)
 
 
 def turned(model: Any, places: Positions, gravity: Any, lever_arm: Any) -> tuple[AnyArray, AnyArray]:
@@ -319,20 +307,16 @@ def with_angle_errors(table: Table, model: Any, positions: Positions, gravity: A
     if not positions.doubtful:
         return table
     xp = array_module(table, model, positions, gravity, lever_arm)
-    places, n = padded(positions), table.accel.size
+    places, n = padded(positions), table.readings.shape[1]
     slope = turned(model, places, gravity, lever_arm)
     spread = xp.asarray(positions.angle_std)
     spread = xp.diag(spread**2) if spread.ndim == 1 else spread
     more = n - len(positions)
     spread = xp.pad(spread, ((0, more), (0, more)))
-    here = xp.concatenate(table.measured)
-    rows = xp.where(here[:, None], xp.concatenate([xp.diag(one) for one in slope]), 0)
-    factors = [xp.diag(weight) if weight.ndim == 1 else weight for weight in (table.weight_accel, table.weight_gyro)]
-    zero = xp.zeros((n, n), dtype=factors[0].dtype)
-    whitened = xp.concatenate([xp.concatenate([factors[0], zero], 1), xp.concatenate([zero, factors[1]], 1)])
-    rows = whitened @ rows
-    joint = weight_of(xp.eye(2 * n, dtype=rows.dtype) + rows @ spread @ rows.T, here) @ whitened
-    return dataclasses.replace(table, weight_both=xp.asarray(joint, dtype=table.accel.dtype))
+    here, factor = table.measured.reshape(-1), table.weight if table.weight.ndim == 2 else xp.diag(table.weight)
+    rows = factor @ xp.where(here[:, None], xp.concatenate([xp.diag(one) for one in slope]), 0)
+    joint = weight_of(xp.eye(2 * n, dtype=rows.dtype) + rows @ spread @ rows.T, here) @ factor
+    return dataclasses.replace(table, weight=xp.asarray(joint, dtype=table.readings.dtype))
 
 
 def in_one_type(tree: Any, dtype: Any) -> Any:

@@ -159,18 +159,25 @@ def white_alone(noise: Noise) -> bool:
 def covariance_of(noise: Any, places: Any, here: AnyArray) -> AnyArray:
     """Variances (n,) of the readings of one sensor if its noise is white, else their covariance (n, n); one for unmeasured rows."""
     axes = noise if isinstance(noise, tuple) else (noise,)
-    xp = array_module(axes, places, here)
-    mine = [here & (places.channel == i) if len(axes) > 1 else here for i in range(len(axes))]
-    if all(white_alone(one) for one in axes):
-        variance = xp.where(here, 0.0, 1.0)
-        for part, one in zip(mine, axes, strict=True):
-            variance = variance + xp.where(part, one.N**2 / places.dwell, 0)
-        return variance
-    total = xp.diag(xp.where(here, 0.0, 1.0))
-    for part, one in zip(mine, axes, strict=True):
-        own = mean_covariance(one, places.start, places.dwell, xp.where(part, places.dwell, 0))
-        total = total + xp.where(part[:, None] & part[None, :], own, 0)
+    xp, white = array_module(axes, places, here), all(map(white_alone, axes))
+    total = xp.where(here, 0.0, 1.0) if white else xp.diag(xp.where(here, 0.0, 1.0))
+    for i, one in enumerate(axes):
+        part = here & (places.channel == i) if len(axes) > 1 else here
+        if white:
+            total = total + xp.where(part, one.N**2 / places.dwell, 0)
+        else:
+            own = mean_covariance(one, places.start, places.dwell, xp.where(part, places.dwell, 0))
+            total = total + xp.where(part[:, None] & part[None, :], own, 0)
     return total
+
+
+def joined(parts: list[Any]) -> AnyArray:
+    """Variances (2 n,) of the readings of both sensors, or their covariance (2 n, 2 n), from those of each."""
+    xp, (first, second) = array_module(parts), parts
+    if first.ndim == second.ndim == 1:
+        return xp.concatenate(parts)
+    first, second = (one if one.ndim == 2 else xp.diag(one) for one in parts)
+    return xp.block([[first, xp.zeros_like(first)], [xp.zeros_like(first), second]])
 
 
 def weight_of(covariance: AnyArray, here: AnyArray) -> AnyArray:

@@ -19,7 +19,7 @@ from .._precision import host_float64, is_traced
 from .._types import Array, Leaf, NoiseLike, Numbers, Real
 from ._bound import given_noise, jacobian_at
 from ._model import NAMES, Table, Turntable, padded, turntable
-from ._noise import IDEAL, covariance_of, weight_of
+from ._noise import IDEAL, covariance_of, joined, weight_of
 from ._positions import GRAVITY, SMALL, Positions, check_gravity, check_latitude, checked_attitude, geometry, table_from_nav
 from ._start import free_of, priors_of
 
@@ -63,10 +63,18 @@ class Plan(Result):
 
 @host_float64
 def plan(
-    total_time: Real, latitude: Real, *, attitude: Numbers = (0.0, 0.0, 0.0), accel_noise: NoiseLike, gyro_noise: NoiseLike,
-    mountings: Sequence[str] = ("x",) * 6, free: Iterable[str] | None = None, priors: dict[str, Any] | None = None,
-    gravity: Real = GRAVITY, seed: int = 0
-) -> Plan:  # fmt: skip
+    total_time: Real,
+    latitude: Real,
+    *,
+    attitude: Numbers = (0.0, 0.0, 0.0),
+    accel_noise: NoiseLike,
+    gyro_noise: NoiseLike,
+    mountings: Sequence[str] = ("x",) * 6,
+    free: Iterable[str] | None = None,
+    priors: dict[str, Any] | None = None,
+    gravity: Real = GRAVITY,
+    seed: int = 0,
+) -> Plan:
     r"""Choose table angles and dwells that minimise the bound of the azimuth for a given total time.
 
     .. math:: \min_{\tau, z} \log\sigma_\psi(\tau, T),\qquad T_k = T\,\mathrm{softmax}(z)_k
@@ -173,9 +181,9 @@ def _at_least(share: Any) -> Any:
 @filter_jit
 def _variances(places: Positions, count: Any, free: tuple[bool, ...], models: Any, noise: Any, certainty: Array, gravity: Array) -> Array:
     """(k,) variance of the azimuth for every attitude if the first `count` positions are measured."""
-    here, zeros = jnp.arange(places.angle.size) < count, jnp.zeros_like(places.angle)
-    weights = [weight_of(covariance_of(one, places, here), here) for one in noise]
-    table = Table(geometry(places, gravity), zeros, zeros, weights[0], weights[1], 0 * certainty, certainty)
+    here = jnp.arange(places.angle.size) < count
+    weight = weight_of(joined([covariance_of(one, places, here) for one in noise]), jnp.tile(here, 2))
+    table = Table(geometry(places, gravity), jnp.zeros((2, here.size)), weight, 0 * certainty, certainty)
     index = np.flatnonzero(free)
 
     def one(model: Turntable) -> Array:

@@ -100,9 +100,17 @@ class Positions(eqx.Module):
     angle_std: Held | None
 
     def __init__(
-        self, angle: Samples, mounting: Checked[str | Sequence[str]] = "x", dwell: Samples = 1.0, start: Samples | None = None, *,
-        rate: Leaf = 0.0, acceleration: Samples = 0.0, width: Samples = 0.0, angle_std: Samples | None = None,
-    ):  # fmt: skip
+        self,
+        angle: Samples,
+        mounting: Checked[str | Sequence[str]] = "x",
+        dwell: Samples = 1.0,
+        start: Samples | None = None,
+        *,
+        rate: Leaf = 0.0,
+        acceleration: Samples = 0.0,
+        width: Samples = 0.0,
+        angle_std: Samples | None = None,
+    ):
         angle = _floats(angle, "table angle")
         if angle.ndim != 1 or not angle.size:
             raise DataError(f"The table angles have shape {angle.shape}; expected (n,), one per position, in rad.", code="shape")
@@ -184,9 +192,16 @@ class Readings(eqx.Module):
     parts: "Readings | None"
 
     def __init__(
-        self, positions: Checked["Positions | Numbers"], accel: Samples | None = None, gyro: Samples | None = None, *,
-        accel_noise: NoiseLike | None = None, gyro_noise: NoiseLike | None = None, lever_arm: Leaf = 0.0, parts: "Readings | None" = None,
-    ):  # fmt: skip
+        self,
+        positions: Checked["Positions | Numbers"],
+        accel: Samples | None = None,
+        gyro: Samples | None = None,
+        *,
+        accel_noise: NoiseLike | None = None,
+        gyro_noise: NoiseLike | None = None,
+        lever_arm: Leaf = 0.0,
+        parts: "Readings | None" = None,
+    ):
         self.positions = as_positions(positions)
         for name, values in (("accel", accel), ("gyro", gyro)):
             values = None if values is None else _floats(values, f"{name} readings")
@@ -196,11 +211,6 @@ class Readings(eqx.Module):
         self.accel_noise = by_channel(as_noise(accel_noise, "accelerometer noise"), self.positions)
         self.gyro_noise = by_channel(as_noise(gyro_noise, "gyro noise"), self.positions)
         self.lever_arm, self.parts = lever_arm, parts
-
-    def white(self, sensor: str) -> Any:
-        """White noise N of "accel" or "gyro"; None if unknown."""
-        noise = getattr(self, f"{sensor}_noise")
-        return None if noise is None else (noise[0] if isinstance(noise, tuple) else noise).N
 
     def variance(self, sensor: str) -> Any:
         """(n,) variance of each reading of "accel" or "gyro"; None if the noise is unknown."""
@@ -310,8 +320,9 @@ def means_at(readings: Readings, sensor: str, places: list[tuple[str, Any]], uni
 
 
 def _noise(readings: Readings, sensor: str, unit: Any) -> Array:
-    white = readings.white(sensor)
-    return jnp.asarray(0.0 if white is None else white, dtype=jnp.asarray(getattr(readings, sensor)).dtype) / unit
+    noise = getattr(readings, f"{sensor}_noise")
+    white = 0.0 if noise is None else (noise[0] if isinstance(noise, tuple) else noise).N
+    return jnp.asarray(white, dtype=jnp.asarray(getattr(readings, sensor)).dtype) / unit
 
 
 def need(readings: Readings, sensor: str, method: str, more: tuple[tuple[str, float], ...] = ()) -> None:

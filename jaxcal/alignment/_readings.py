@@ -28,9 +28,16 @@ def _noise(key: Array, noise: Noise, dwell: Array, start: Array) -> AnyArray:
 
 @host_float64
 def simulate(
-    positions: Positions | Numbers, attitude: Numbers, latitude: Real, *, accel: Sensor = IDEAL, gyro: Sensor = IDEAL,
-    lever_arm: Real = 0.0, gravity: Real = GRAVITY, seed: int | Array = 0
-) -> Readings:  # fmt: skip
+    positions: Positions | Numbers,
+    attitude: Numbers,
+    latitude: Real,
+    *,
+    accel: Sensor = IDEAL,
+    gyro: Sensor = IDEAL,
+    lever_arm: Real = 0.0,
+    gravity: Real = GRAVITY,
+    seed: int | Array = 0,
+) -> Readings:
     r"""Simulate readings of an accelerometer and a gyro on a turntable.
 
     .. math:: f = a_{rel} + 2\omega_E \times v_{rel} - g,\qquad m = (1+s)\,u\cdot v + MA_1 v_1\cdot v + MA_2 v_2\cdot v + b + n

@@ -137,17 +137,20 @@ class Bound(Result):
         """Free parameters that neither the readings nor the priors determine (host only)."""
         return self._named(self.lost)
 
+    def _label(self, name: str) -> str:
+        return _LABELS.get(name, name) + " x" * (f"{name}_y" in self.names)
+
     @property
     def headline(self) -> str:
         """The azimuth with half of its 95 % interval."""
         wanted = [self.estimate[name] for name in ("psi", "s_g", "phi", *self.names)]
         first = next((one for one in wanted if one.state != "held"), wanted[0])
-        label = _LABELS.get(first.name, first.name)
+        label = self._label(first.name)
         return f"{label} {cell_text(first)} {shown_in(first.quantity)[0]}".strip() if first.state == "estimated" else f"no {label}"
 
     def sections(self) -> list[Section]:
         """Table of the free parameters."""
-        rows = [(_LABELS.get(one.name, one.name), one) for one in self.estimate.numbers() if one.state != "held"]
+        rows = [(self._label(one.name), one) for one in self.estimate.numbers() if one.state != "held"]
         return [listed("alignment", "joint fit", rows)]
 
 

@@ -77,8 +77,8 @@ def initial_guess(
     one_hot = [table.places.channel == i for i in range(3)] if _OTHER_AXES[0] in given else [xp.ones_like(table.places.channel)]
     offsets = xp.stack([xp.asarray(column, dtype=axes.dtype) for column in one_hot], -1)
     weight_accel, weight_gyro = (xp.where(measured, root, 0) for measured in table.measured)
-    accel = (table.accel - given["b_a"]) / table.places.gravity
-    gyro = (table.gyro - given["b_g"]) / EARTH_RATE
+    accel = (table.readings[0] - given["b_a"]) / table.places.gravity
+    gyro = (table.readings[1] - given["b_g"]) / EARTH_RATE
     down, seen = _vector(-axes, accel, weight_accel, offsets * float("b_a" in free))
     rate, turns = _vector(axes, gyro, weight_gyro, offsets * float("b_g" in free))
 

@@ -26,7 +26,6 @@ _NO_MOVE, _ASIDE, _DIFFER = np.deg2rad(1.0), 0.05, np.deg2rad(5.0)
 _BUMP = 2.0  # s; shorter interruptions of a rest, with the window of the detector, are not moves to another position
 _SKEW = 5e-3  # rad: standard deviation of the angle between the z axes and the axis of the moves
 _PARTS = 4  # of a rest, which show a drift inside it: they hold 15/16 of what a slope tells
-_AXES = "xyz"
 
 
 class TableLog(eqx.Module):
@@ -74,9 +73,16 @@ class TableLog(eqx.Module):
 
 @host_float64
 def from_log(
-    log: LogLike, *, angle: Numbers | None = None, angles: Numbers | None = None, noise: NoiseLike | None = None, axis: str = "x",
-    angle_std: Numbers | None = None, gyro_scale: float | int = 1e-3, least: float | int = 5.0
-) -> TableLog:  # fmt: skip
+    log: LogLike,
+    *,
+    angle: Numbers | None = None,
+    angles: Numbers | None = None,
+    noise: NoiseLike | None = None,
+    axis: str = "x",
+    angle_std: Numbers | None = None,
+    gyro_scale: float | int = 1e-3,
+    least: float | int = 5.0,
+) -> TableLog:
     r"""Find the rests of a turntable in its raw log, and average the readings of each rest.
 
     A rest is a time in which the sensors' variance stays low and the table angle does not change. The angle of a rest comes from the log,
@@ -133,17 +139,27 @@ def from_log(
         raise DataError(Message("A sensor of the log has two axes, not one or three. Choose them with {option.columns}."), code="axes")
     rate, time = float(log.rate), np.asarray(log.time)
     recorded = None if angle is None else _recorded(angle, len(time))
-    start, stop = _rests(samples, recorded, rate, float(least))
-    least_rest, most_rest = (Quantity(float(x) / rate, "time") for x in ((stop - start).min(), (stop - start).max()))
+    rests = _Rests(samples, *_rests(samples, recorded, rate, float(least)), time, rate)
+    length = rests.stop - rests.start
+    least_rest, most_rest = (Quantity(float(x) / rate, "time") for x in (length.min(), length.max()))
     notes: list[Finding] = []
-    turns, frame = _moves(samples, start, stop, rate)
-    if turns is None or not np.isfinite(turns).all():
-        frame = np.eye(3)
-    place, spread = _angles(samples, recorded, angles, turns, start, stop, rate, float(gyro_scale), angle_std, notes)
+    turns, frame = _moves(rests)
+    place, spread = _angles(rests, recorded, angles, turns, float(gyro_scale), angle_std, notes)
     shown = ", ".join(f"{x:.4g}" for x in np.rad2deg(place[:12])) + (" ..." if len(place) > 12 else "")
-    notes.insert(0, FINDINGS("rests", count=len(start), least=least_rest, most=most_rest, angles=shown))
+    notes.insert(0, FINDINGS("rests", count=len(length), least=least_rest, most=most_rest, angles=shown))
     told = {} if noise is None else noise_of(noise, None if _three(samples) else axis)
-    return _gathered(samples, start, stop, time, rate, place, spread, frame, told, notes)
+    return _gathered(rests, place, spread, frame, told, notes)
+
+
+@dataclasses.dataclass
+class _Rests:
+    """Samples of the sensors, the first one of each rest and the one after its last, their times, and their rate."""
+
+    samples: dict[str, np.ndarray]
+    start: np.ndarray
+    stop: np.ndarray
+    time: np.ndarray
+    rate: float
 
 
 def _rests(samples: dict[str, np.ndarray], recorded: np.ndarray | None, rate: float, least: float) -> tuple[np.ndarray, np.ndarray]:
@@ -172,9 +188,9 @@ def _recorded(angle: Any, size: int) -> np.ndarray:
     return np.interp(np.arange(size), np.flatnonzero(here), np.unwrap(angle[here]))
 
 
-def _moves(samples: dict[str, np.ndarray], start: np.ndarray, stop: np.ndarray, rate: float) -> tuple[np.ndarray | None, np.ndarray]:
-    """Angle (k - 1,) of each move about the table's axis, rad, or None without a gyroscope with three axes; and the table's frame."""
-    gyro = samples.get("gyro")
+def _moves(rests: _Rests) -> tuple[np.ndarray | None, np.ndarray]:
+    """Angle (k - 1,) of each move about the table's axis, rad, or None unless a gyroscope with three axes saw them; the table's frame."""
+    gyro, start, stop = rests.samples.get("gyro"), rests.start, rests.stop
     if gyro is None or gyro.shape[1] != 3:
         return None, np.eye(3)
     means = _means(gyro, start, stop)
@@ -182,20 +198,20 @@ def _moves(samples: dict[str, np.ndarray], start: np.ndarray, stop: np.ndarray, 
     for k in range(len(start) - 1):
         part = gyro[stop[k] : start[k + 1]]
         there = np.isfinite(part).all(axis=1)
-        lost = np.count_nonzero(~there) > 0.02 * len(part)
-        vectors.append(np.full(3, np.nan) if lost else (part[there].mean(axis=0) - (means[k] + means[k + 1]) / 2) * len(part) / rate)
+        if np.count_nonzero(~there) > 0.02 * len(part):
+            return None, np.eye(3)
+        vectors.append((part[there].mean(axis=0) - (means[k] + means[k + 1]) / 2) * len(part) / rests.rate)
     turned = np.array(vectors)
-    good = turned[np.isfinite(turned).all(axis=1)]
-    size = np.linalg.norm(good, axis=1)
+    size = np.linalg.norm(turned, axis=1)
     if not np.any(size > _NO_MOVE):
-        return np.full(len(start) - 1, np.nan) if len(good) < len(turned) else size * 0.0, np.eye(3)
-    axis = np.linalg.eigh(good.T @ good)[1][:, -1]
-    aside = np.linalg.norm(good - (good @ axis)[:, None] * axis, axis=1)
+        return size * 0.0, np.eye(3)
+    axis = np.linalg.eigh(turned.T @ turned)[1][:, -1]
+    aside = np.linalg.norm(turned - (turned @ axis)[:, None] * axis, axis=1)
     if np.any(aside > _ASIDE * size.max() + _NO_MOVE):
         worst = int(np.argmax(aside))
         said = f"The moves turn about different axes: one is {np.rad2deg(aside[worst]):.3g} degrees off the axis of the others. Apply the "
         raise DataError(f"{said}calibration of the IMU first, or use jaxcal imu.", code="axes_of_moves")
-    accel = samples.get("accel")
+    accel = rests.samples.get("accel")
     if accel is not None and accel.shape[1] == 3:
         force = _means(accel, start, stop)
         check_norm(force)
@@ -209,15 +225,14 @@ def _moves(samples: dict[str, np.ndarray], start: np.ndarray, stop: np.ndarray, 
 
 
 def _angles(
-    samples: dict[str, np.ndarray], recorded: np.ndarray | None, given: Any, turns: np.ndarray | None, start: np.ndarray,
-    stop: np.ndarray, rate: float, scale: float, angle_std: Any, notes: list[Finding],
-) -> tuple[np.ndarray, np.ndarray | None]:  # fmt: skip
+    rests: _Rests, recorded: np.ndarray | None, given: Any, turns: np.ndarray | None, scale: float, angle_std: Any, notes: list[Finding]
+) -> tuple[np.ndarray, np.ndarray | None]:
     """Table angle of each rest, and the covariance of the angle errors, if it is known."""
-    count = len(start)
+    start, stop, rate, count = rests.start, rests.stop, rests.rate, len(rests.start)
     if given is not None:
         angle = np.asarray(given, dtype=float)
         # a spike, a bump or missing samples can split a rest in two: give both parts the same angle
-        there = np.all([np.isfinite(x).any(axis=1) for x in samples.values()], axis=0)
+        there = np.all([np.isfinite(x).any(axis=1) for x in rests.samples.values()], axis=0)
         between = np.array([np.count_nonzero(there[i:j]) for i, j in zip(stop[:-1], start[1:], strict=True)])
         place = np.concatenate([[0], np.cumsum(between / rate > _BUMP)])
         angle = angle[place] if angle.shape == (place[-1] + 1,) else angle
@@ -225,9 +240,9 @@ def _angles(
             raise DataError(f"{angle.size} angles were given for {count} rests.", code="angles")
     elif recorded is not None:
         angle = np.array([np.mean(recorded[i:j]) for i, j in zip(start, stop, strict=True)])
-    elif turns is not None and np.isfinite(turns).all():
+    elif turns is not None:
         angle = np.concatenate([[0.0], np.cumsum(turns)])
-        gyro = samples["gyro"]
+        gyro = rests.samples["gyro"]
         white = max(_white(gyro[i:j], rate).max() for i, j in zip(start, stop, strict=True))
         walk = np.concatenate([[0.0], np.cumsum((start[1:] - stop[:-1]) / rate)]) * white**2
         notes.append(FINDINGS("angles_of_gyro", ppm=1e6 * scale))
@@ -235,7 +250,7 @@ def _angles(
     else:
         said = "Nothing tells the table's angle on its {count} rests. Give the angles of the rests in order with {option.angles}."
         raise DataError(Message(said, count=count), code="no_angles")
-    if turns is not None and np.isfinite(turns).all():
+    if turns is not None:
         moved = np.diff(angle)
         off, other = (distance(sign * moved, turns) for sign in (1, -1))
         if off.max() > _DIFFER and other.max() <= _DIFFER:
@@ -256,10 +271,10 @@ def _white(x: np.ndarray, rate: float) -> np.ndarray:
 
 
 def _gathered(
-    samples: dict[str, np.ndarray], start: np.ndarray, stop: np.ndarray, time: np.ndarray, rate: float, angle: np.ndarray,
-    spread: np.ndarray | None, frame: np.ndarray, told: dict[str, Any], notes: list[Finding],
-) -> TableLog:  # fmt: skip
+    rests: _Rests, angle: np.ndarray, spread: np.ndarray | None, frame: np.ndarray, told: dict[str, Any], notes: list[Finding]
+) -> TableLog:
     """Collect the means of every rest and axis as readings, with the model, its free parameters and priors."""
+    samples, start, stop = rests.samples, rests.start, rests.stop
     words = ("x", "y", "fixed z") if _three(samples) else ("x",)
     if not np.allclose(frame, np.eye(3)):
         told = {name: mixed(one, frame) if isinstance(one, tuple) else one for name, one in told.items()}
@@ -275,15 +290,15 @@ def _gathered(
             values[name][:, : means.shape[1]] = means @ frame.T if means.shape[1] == 3 else means
         rows = np.repeat(np.eye(len(angle))[rest], len(words), axis=0)
         places = Positions(
-            np.repeat(angle[rest], len(words)), words * len(start), np.repeat((stop - start) / rate, len(words)),
-            np.repeat(time[start], len(words)), angle_std=None if spread is None else rows @ spread @ rows.T,
+            np.repeat(angle[rest], len(words)), words * len(start), np.repeat((stop - start) / rests.rate, len(words)),
+            np.repeat(rests.time[start], len(words)), angle_std=None if spread is None else rows @ spread @ rows.T,
         )  # fmt: skip
         return Readings(places, *(None if name not in values else values[name].ravel() for name in ("accel", "gyro")), **told, **more)
 
     edges = np.linspace(start, stop, _PARTS + 1, axis=1).astype(int)
-    rests = np.arange(len(start))
-    parts = averaged(edges[:, :-1].ravel(), edges[:, 1:].ravel(), np.repeat(rests, _PARTS))
-    readings = averaged(start, stop, rests, parts=parts)
+    every = np.arange(len(start))
+    parts = averaged(edges[:, :-1].ravel(), edges[:, 1:].ravel(), np.repeat(every, _PARTS))
+    readings = averaged(start, stop, every, parts=parts)
     priors = {f"ma_{name[0]}_z{axis}": _SKEW for name, x in samples.items() if x.shape[1] == 3 for axis in "xy"}
     return TableLog(readings, Triads() if len(words) == 3 else Turntable(), _free(samples), priors, start, stop, angle, frame, tuple(notes))
 
@@ -297,9 +312,7 @@ def _means(x: np.ndarray, start: np.ndarray, stop: np.ndarray) -> np.ndarray:
 
 def _free(samples: dict[str, np.ndarray]) -> tuple[str, ...]:
     """Names of the free parameters: the angles, and the biases of the existing axes."""
-    names = ["phi", "theta"] if "accel" in samples else []
-    names += ["psi"] if "gyro" in samples else []
-    for letter, name in (("a", "accel"), ("g", "gyro")):
-        if name in samples:
-            names += [f"b_{letter}", *(f"b_{letter}_{axis}" for axis in _AXES[1 : samples[name].shape[1]])]
+    names = [*(["phi", "theta"] if "accel" in samples else []), *(["psi"] if "gyro" in samples else [])]
+    for name in sorted(samples):
+        names += [f"b_{name[0]}{suffix}" for suffix in ("", "_y", "_z")[: samples[name].shape[1]]]
     return tuple(names)

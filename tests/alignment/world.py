@@ -91,7 +91,7 @@ def motion(rng, angles, dwells, rate, move=8.0):
 
 def recording(
     rng, angles, dwells, kind, attitude, *, axes=1, rate=50.0, vibration=0.3, ringing=0.02, mount=(0.0, 0.0), bias=(1e-3, 2e-7), scale=1.0,
-    drift=None, tilt=0.0, encoder=0.0,
+    drift=None, tilt=0.0, encoder=0.0, repeats=False,
 ):  # fmt: skip
     """Simulate a table log: time, table angle, accelerometer and gyro (n, axes), the samples of each rest, and ideal means over them.
 
@@ -99,7 +99,7 @@ def recording(
     by a misalignment of 1e-3. The sensors are 0.1 m off the axis. After a move the table rings at 7 Hz for some tenths of a second
     (m/s^2). mount: tilt of the device on the table, rad. scale: scale factor of the gyro. drift: of the gyro's bias (rad/s), as a function
     of the share of the test that has passed. tilt: of the base over the test, about a random axis (rad). encoder: standard deviation of
-    the errors of the angles that are returned (rad).
+    the errors of the angles that are returned (rad); repeats: the same error at the same angle.
     """
     angle, still, since = motion(rng, np.asarray(angles) * DEG, dwells, rate)
     n, dt = angle.size, 1 / rate
@@ -123,7 +123,9 @@ def recording(
     noises = [noise(rng, c * NOISES[kind], (axes, n), dt).T for c in (ACCEL, GYRO)]
     edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
     rests = np.stack([edges[::2], edges[1::2]], axis=1)
-    angle = angle + encoder * rng.normal(size=len(rests))[np.minimum(np.searchsorted(edges[1::2], np.arange(n), "right"), len(rests) - 1)]
+    place = np.unique(angles, return_inverse=True)[1] if repeats else np.arange(len(rests))
+    at = np.minimum(np.searchsorted(edges[1::2], np.arange(n), "right"), len(rests) - 1)
+    angle = angle + encoder * rng.normal(size=len(rests))[place[at]]
     # readings of a sensor without misalignment on a table that does not ring
     clean = [tilt.apply(v)[:, :axes] + b + x for v, b, x in zip((resting, scale * earth), bias, noises, strict=True)]
     ideal = [np.array([x[i:j].mean(axis=0) for i, j in rests]) for x in clean]
