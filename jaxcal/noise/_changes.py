@@ -209,7 +209,8 @@ def find_changes(sensors: Sequence[Sensor], columns: AnyArray, slow: AnyArray, w
     warm = {i: _warmth(_means(one.temperature, low, size), low, n * dt) for i, one in enumerate(sensors) if one.temperature is not None}
     levels = {family: _level(family, axes) for family in (*shapes, "temperature")}
     found: list[list[tuple[Change, float]]] = [[] for _ in sensors]  # with their shares
-    held, none = [np.zeros((kept, 0)) for _ in sensors], (-_LEVELS["beside"], None)
+    held: list[AnyArray] = [np.zeros((kept, 0)) for _ in sensors]
+    none = (-_LEVELS["beside"], None)
     instead: list[tuple[float, Change | None]] = [none for _ in sensors]
     on = np.flatnonzero(np.all(bases > 0.0, axis=(1, 2)))
     fitted, cost = theta[..., slow], np.zeros(len(sensors))
@@ -219,7 +220,7 @@ def find_changes(sensors: Sequence[Sensor], columns: AnyArray, slow: AnyArray, w
 
     if len(on):
         refit(on)
-    for i in on:
+    for i in on.tolist():
         if shifts := [_event(at, 0.0)._replace(family="shift") for at in sensors[i].joints if 0.0 < at < n * dt]:
             _, x, products = low.family(shifts)
             ratios = _ratios(records[i], bases[i] + fitted[i] @ columns.T, x, products)
@@ -231,7 +232,7 @@ def find_changes(sensors: Sequence[Sensor], columns: AnyArray, slow: AnyArray, w
         both = np.stack([bases[on] + fitted[on] @ columns.T, bases[on]], axis=1)
         rests = _residuals(records[on, None], _padded([held[i] for i in on])[:, None], both)
         families = [(slice(None), *one) for one in shapes.items()]
-        families += [(slice(k, k + 1), "temperature", warm[i]) for k, i in enumerate(on) if i in warm]
+        families += [(slice(k, k + 1), "temperature", warm[i]) for k, i in enumerate(on.tolist()) if i in warm]
         tried = _candidates(rests, both, families, levels, low)
         if not tried:
             break
@@ -257,8 +258,8 @@ def find_changes(sensors: Sequence[Sensor], columns: AnyArray, slow: AnyArray, w
                 held[i], fitted[i], cost[i], instead[i] = designs[best], thetas[best], costs[best], none
                 going += [i] if sum(one.family != "shift" for one, _ in found[i]) < _MOST else []
         on = np.array(going, dtype=int)
-    parts = [tuple(zip(*one, strict=True)) if one else ((), ()) for one in found]
-    return [Changes(*one, other[1]) for one, other in zip(parts, instead, strict=True)]
+    parts = zip(found, instead, strict=True)
+    return [Changes(tuple(one for one, _ in own), tuple(share for _, share in own), other) for own, (_, other) in parts]
 
 
 def _warmth(means: AnyArray, low: _Low, duration: float) -> tuple[list[Change], AnyArray, AnyArray]:

@@ -53,12 +53,12 @@ class Bins(NamedTuple):
 
     def of(self, rows: Any) -> "Bins":
         """The bins of some channels."""
-        return Bins(*(values[rows] for values in self[:3]), *self[3:])
+        return Bins._make((*(values[rows] for values in self[:3]), *self[3:]))
 
 
 def beside(channels: Sequence[Bins]) -> Bins:
     """The bins of channels of one length, in one table."""
-    return Bins(*map(np.array, zip(*(one[:3] for one in channels), strict=True)), *channels[0][3:])
+    return Bins._make((*map(np.array, zip(*(one[:3] for one in channels), strict=True)), *channels[0][3:]))
 
 
 @functools.lru_cache(maxsize=256)

@@ -92,7 +92,7 @@ def solve(observed: Sequence[Observed], columns: tuple[Term, ...], band, begun: 
     rows = np.flatnonzero(~whole)
     while len(rows) and k < _ROUNDS:
         before, k = _level(solved.of(rows)), k + 1
-        bins = beside([observed[i].bins(columns, level) for i, level in zip(rows, before, strict=True)])
+        bins = beside([observed[i].bins(columns, level) for i, level in zip(rows.tolist(), before, strict=True)])
         found = _solved(bins, columns, band, band is None and k >= rough)
         change = np.log(_level(found) / before)
         solved.put(rows, found._replace(off=np.sqrt(0.5 * np.vecdot(found.weight, change**2))))

@@ -6,6 +6,7 @@ evenness in time of each record are measured. 5. Errors, limits and the rival fo
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -151,7 +152,7 @@ def _uncertainty(solved: Solved, widened: AnyArray, confidence: float) -> tuple[
 
     Every variance is multiplied by `widened`, (channels, p), and the likelihood ratio of its profile is divided by it.
     """
-    lanes = np.nonzero(solved.own)
+    lanes: Any = np.nonzero(solved.own)
     covariance = inverse(information(solved.bins.columns, solved.weight, solved.theta, solved.among))
     levels = (level * widened[lanes] for level in levels_of(confidence))
     found = profile_limits(solved.bins, solved.weight, (solved.theta, solved.cost, covariance), ~solved.among, lanes, *levels)
@@ -171,7 +172,7 @@ def _beside(limits: Limits, names: Sequence[str], rival: Rival) -> tuple[Limits,
         i = names.index("N")
         low[:, i] = np.minimum(low[:, i], rival.white[:, 0])
         high[:, i], upper[:, i] = np.maximum(high[:, i], rival.white[:, 1]), np.maximum(upper[:, i], rival.white[:, 2])
-    return Limits(low, high, upper, limits.significance), [[names[k] for k in np.flatnonzero(one)] for one in doubts]
+    return Limits(low, high, upper, limits.significance), [[names[k] for k in np.flatnonzero(one).tolist()] for one in doubts]
 
 
 def _lines(solved: Solved, i: int, duration: float) -> list[tuple[float, float]]:
