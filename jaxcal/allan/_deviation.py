@@ -156,7 +156,7 @@ def begin(
     few = isinstance(y, np.ndarray) and not statistic.error and len(sizes) <= MANY
     if few and (count == statistic.count(samples, sizes)[:, None]).all():
         types = types_for_intervals(noise, sizes, samples, data)
-        whole = Whole(sizes.tobytes(), types.tobytes(), types.shape[1], statistic, samples, confidence)
+        whole = Whole(sizes.tobytes(), types.tobytes(), columns.shape[1], statistic, samples, confidence)
 
     def finish(known):
         return _finished(y, columns, rate, statistic, sizes, confidence, samples, measured, whole, known, data, findings, uneven)

@@ -133,7 +133,7 @@ def deviation(
                 waits[max(len(waits) - 2, 0)][1].sums()
             whole = [one.whole for _, one in waits if one.whole]
             known = dict(zip(whole, known_uncertainty(whole), strict=True))
-            found |= {i: named(i, wait, known.get(wait.whole)) for i, wait in waits}
+            found |= {i: named(i, wait, known[wait.whole] if wait.whole else None) for i, wait in waits}
 
     def alone(i: int) -> Deviation:
         return named(i, _one, records[i], rates[i], int(chunk), exact, options)
