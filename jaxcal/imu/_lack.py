@@ -81,7 +81,8 @@ def lacks(joint: Joint, rests: Rests, middle: float) -> list[Lack]:
             term = f"{sensor}.{kind}" if f"{sensor}.{kind}" in TERMS and not (turns is None and kind in (*_IN_TIME, "creep")) else None
             if hint:
                 likely = _odds(best) / _PRIOR if _group(best.name) == "past" else 0.0
-                found.append(Lack(spread, *FINDINGS.over("memory_possible", likely, sensor, term=_WORDS.get(kind), **facts)))
+                said = FINDINGS.over("memory_possible", likely, sensor, term=_WORDS.get(kind), **facts)
+                found.append(Lack(spread, said[0] if said else None))
                 continue
             if where:
                 time = float(middle + rests.time[int(where)] - rests.duration[int(where)] / 2)
