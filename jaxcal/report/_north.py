@@ -43,11 +43,16 @@ def _compass(psi: Any) -> Markup:
         return radius * np.sin(np.deg2rad(angle)), radius * np.cos(np.deg2rad(angle))
 
     turn, sector = np.linspace(0.0, 360.0, 121), np.linspace(low, min(high, low + 360.0), 2 + int(min(high - low, 360.0) / 3))
-    marks = [Mark("line", *at(turn), "frame"), Mark("band", *(np.append(part, 0.0) for part in at(sector)), 1)]
-    marks.append(Mark("line", *at(sector), 1, look="wide"))
-    marks += [Mark("line", *np.transpose([at(angle, side - 8.0), at(angle)]), "frame") for angle in range(0, 360, 30)]
-    marks.append(Mark("line", *np.transpose([(0.0, 0.0), at(value, side - 6.0)]), 0))
-    letters = [(word, *at(angle, side + 13.0)) for word, angle in zip("NESW", range(0, 360, 90), strict=True)]
+    (round_x, round_y), (sector_x, sector_y) = at(turn), at(sector)
+    marks = [Mark("line", round_x, round_y, "frame"), Mark("band", np.append(sector_x, 0.0), np.append(sector_y, 0.0), 1)]
+    marks.append(Mark("line", sector_x, sector_y, 1, look="wide"))
+    for angle, start, end, color in (*((one, side - 8.0, side, "frame") for one in range(0, 360, 30)), (value, 0.0, side - 6.0, 0)):
+        (x_from, y_from), (x_to, y_to) = at(angle, start), at(angle, end)
+        marks.append(Mark("line", [x_from, x_to], [y_from, y_to], color))
+    letters = []
+    for word, angle in zip("NESW", range(0, 360, 90), strict=True):
+        x_at, y_at = at(angle, side + 13.0)
+        letters.append((word, x_at, y_at))
     about = f"Azimuth {value:.4g}°, from north towards east. Orange: 95 %, between {low:.4g}° and {high:.4g}°."
     x, y = (Axis("", -part * (side + 25.0), part * (side + 25.0), False) for part in (ASPECT, 1.0))
     return figure("north-compass", "Azimuth", about, x, y, marks, letters=letters)

@@ -26,7 +26,7 @@ def sphere(found: MagFit, readings: np.ndarray | None) -> list[Markup]:
     readings : (n, 3) the readings that were fitted, in the unit of the fit; None if they are not available.
     """
     unit, scale = shown_in(quantity_of(found.field))
-    about: dict[str, Any] = {"unit": unit, "missing": _vectors(found.coverage.missing), "needed": _vectors(found.needed), "readings": []}
+    about: dict[str, Any] = {"unit": unit, "missing": _vectors(found.coverage.missing), "needed": _vectors(found.needed), "readings": []}  # type: ignore[union-attr]
     if readings is not None:
         pick = np.array(evenly(len(readings), MOST))
         fixed = np.asarray(found.model.correct(readings[pick]))  # type: ignore[union-attr]
@@ -75,7 +75,7 @@ def _axes() -> tuple[Axis, Axis]:
 def _map(found: MagFit) -> Markup:
     """Number of readings per region of equal area, and directions in which more would help."""
     marks = []
-    for count, corners in zip(np.asarray(found.coverage.counts), region_corners(), strict=True):
+    for count, corners in zip(np.asarray(found.coverage.counts), region_corners(), strict=True):  # type: ignore[union-attr]
         (west, bottom), _, (east, top), _ = corners
         look = f"q{sum(count > step for step in _STEPS)}"
         marks.append(Mark("band", [west, east], [bottom, bottom], 0, [top, top], look=look))
