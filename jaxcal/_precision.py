@@ -108,6 +108,9 @@ class _Program:
     [2. 0.]
     """
 
+    _structure: Any
+    _beside: list[Any]
+
     def __init__(self, function: Callable[..., Any], call: _Call):
         def run(tracers: list[Any]) -> list[Any]:
             args, kwargs = call.arguments(tracers)

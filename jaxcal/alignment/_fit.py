@@ -191,8 +191,8 @@ def _solved(readings: Readings, gravity: Any, noise: dict[str, Any], o: _Options
     level = _level(noise["gyro"], places, table.measured[1])
     # the solution does not depend on the start of a free parameter, so only fixed parameters keep their derivative
     still = jax.lax.stop_gradient if xp is jnp else lambda tree: tree
-    data, hint = still((table, places.dwell, o.values)), still((o.hint, level))
-    first, twofold = initial_guess(*data, o.known, chosen, *hint, o.hemisphere)
+    data, dwell, values, hint, level = still((table, places.dwell, o.values, o.hint, level))
+    first, twofold = initial_guess(data, dwell, values, o.known, chosen, hint, level, o.hemisphere)
     first |= {name: value for name, value in o.values.items() if name not in chosen}
     # shift the prior of an angle by whole turns to be nearest to the start of the fit
     near = {name: first[name] + wrap(centre - first[name]) if name in ANGLES else centre for name, centre in o.mean.items()}
@@ -225,8 +225,8 @@ def _described(found: Fit, table: Table, readings: Readings, sizes: Any, twofold
     # each sensor alone, too: errors of the table's angles are often seen by one of them
     spare, square = _spare(found, table, finite)
     freedom = xp.round(xp.concatenate([xp.asarray(dof, dtype=spare.dtype)[None], spare]))
-    p_value, *each = tail(xp.concatenate([chi_square[None], square]), xp.maximum(freedom, 1))
-    alone = [xp.where(left > _FEWEST, level, 1.0) for left, level in zip(spare, each, strict=True)]
+    levels: Any = tail(xp.concatenate([chi_square[None], square]), xp.maximum(freedom, 1))
+    p_value, alone = levels[0], [xp.where(left > _FEWEST, level, 1.0) for left, level in zip(spare, levels[1:], strict=True)]
     # the solver's own convergence test fails for noise-free readings, whose residuals are rounding, and along undetermined directions: a
     # fit has converged, too, where the remaining step is a thousandth of the standard error
     gradient = jacobian.T @ r
