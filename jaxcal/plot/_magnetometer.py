@@ -104,7 +104,7 @@ def coverage(found: Checked[MagFit], ax: Checked["Axes"] | None = None) -> Any:
 
     _checked(found)
     ax = new_figure().subplots() if ax is None else ax
-    counts = np.asarray(found.coverage.counts, dtype=float)
+    counts = np.asarray(found.coverage.counts, dtype=float)  # type: ignore[union-attr]
     cells = PolyCollection(region_corners(), array=np.ma.masked_equal(counts, 0), cmap="viridis", edgecolors="white", linewidths=0.4)
     cells.set_facecolor(SHADE)
     ax.set_facecolor(SHADE)
