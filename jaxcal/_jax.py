@@ -12,7 +12,6 @@ from collections.abc import Iterator
 from typing import Any
 
 import jax
-import jaxlib
 import numpy as np
 from jax.core import Tracer
 from jax.extend.core import get_opaque_trace_state
@@ -20,7 +19,7 @@ from jax.extend.core import get_opaque_trace_state
 #: Options of XLA for single programs on a CPU. QUICK: the older generator of fused loops, which jaxlib 0.11 no longer has, compiles in 0.55
 #: of the time of the newer one of 0.10, and its programs give the same numbers at the same speed. WIDE: a quarter faster on cores with such
 #: vectors. ROUGH: for programs that take longer to compile than to run. ONE_THREAD: a flag for a process that has one core to itself.
-_OLDER = {"xla_cpu_use_fusion_emitters": False} if jaxlib.__version__ < "0.11" else {}
+_OLDER = {"xla_cpu_use_fusion_emitters": False} if jax.__version__ < "0.11" else {}
 QUICK: dict[str, Any] = {"xla_cpu_parallel_codegen_split_count": 1, **_OLDER}
 WIDE: dict[str, Any] = {"xla_cpu_prefer_vector_width": "512"}
 ROUGH: dict[str, Any] = {"xla_backend_optimization_level": 0}
