@@ -121,8 +121,6 @@ def mag(
     if currents is not None and model == "planar":
         raise opt.CallError("--currents goes with fits of magnitudes in all attitudes: leave out --model planar", "currents_in_plane")
     wanted = _wanted(model)
-    if check is not None and not isinstance(wanted, str):
-        raise opt.CallError("--check goes with the models of jaxcal: leave it out, or fit half of the log", "check_own_model")
     opt.must_exist(against, option="--against")
     if log is None and live is None:
         raise opt.CallError("jaxcal mag needs LOG: jaxcal mag tumble.csv", "no_log")
@@ -298,11 +296,16 @@ def _fit(log: Any, align: str, options: dict[str, Any], given: Shots, flight: An
         aid = Attitude(flown[rows])
     if given.headings is not None:
         aid = Headings(given.headings[rows], None if up is None else up[rows], error=off)
-    warmth = {} if log.temperature is None else _conditions(log.temperature[kept])
-    recorded = {} if given.currents else warmth
-    if not isinstance(options["model"], str):  # it gets what it asks for
-        known = warmth | {name: values[kept] for name, values in ({"time": log.time} | given.currents).items()}
-        recorded = {name: known[name] for name in inspect.signature(options["model"].measure).parameters if name in known}
+    own = not isinstance(options["model"], str)
+
+    def conditions_of(rows: Any) -> dict[str, Any]:
+        warmth = {} if log.temperature is None else _conditions(log.temperature[rows])
+        if not own:
+            return {} if given.currents else warmth
+        known = warmth | {name: values[rows] for name, values in ({"time": log.time} | given.currents).items()}
+        return {name: known[name] for name in inspect.signature(options["model"].measure).parameters if name in known}
+
+    recorded = conditions_of(kept)
     currents = {name: values[rows] for name, values in given.currents.items() if name not in recorded}
     m = np.where(kept[:, None], log.mag, np.nan)[rows]
     found: Any = jaxcal.magnetometer.fit(m, conditions=recorded, aid=aid, currents=currents, **options)
@@ -312,9 +315,10 @@ def _fit(log: Any, align: str, options: dict[str, Any], given: Shots, flight: An
     if tried_on.any() and found.kind != "planar":
         known = None if given.headings is None else given.headings[tried_on]
         mag = log.mag
-        for name, values in given.currents.items():  # readings without the fields of the currents that the fit has found
-            mag = mag - values[:, None] * [[found.estimate[f"currents.{name}[{i}]"].value for i in range(3)]]
-        seen = jaxcal.magnetometer.check(found, mag[tried_on], accel=None if up is None else up[tried_on], headings=known)
+        for name in currents:  # readings without the fields of the currents that the fit has found
+            mag = mag - given.currents[name][:, None] * [[found.estimate[f"currents.{name}[{i}]"].value for i in range(3)]]
+        aside = {"headings": known, "conditions": conditions_of(tried_on) if own else {}}
+        seen = jaxcal.magnetometer.check(found, mag[tried_on], accel=None if up is None else up[tried_on], **aside)
         found = replaced(found, check=seen, findings=(*found.findings, *seen.findings))
     return found
 

@@ -127,7 +127,7 @@ FINDINGS = table(
         limits=(3.0,),  # standard errors: 0.3 % by chance
     ),
     check=Kind(
-        CAUTION, "The {count} readings held back are off by more than the fit predicts.",
+        CAUTION, "The {count} readings checked are off by more than the fit predicts.",
         "Look for an error in the calibration, in these readings or in their known headings.",
     ),
 )  # fmt: skip

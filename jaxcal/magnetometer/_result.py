@@ -16,7 +16,7 @@ from ._aids import vectors, verticals
 from ._field import HEADINGS, STEEPEST, Coverage, coverage, heading
 from ._findings import FINDINGS
 from ._judge import distance_slopes, heading_uncertainty, needed, outliers
-from ._model import MagModel
+from ._model import MagModel, changes_of
 from ._quadric import EXACT, unit
 from ._surface import between
 
@@ -51,7 +51,7 @@ class MagFit(Result):
         accelerometer, or the axis about which the sensor turned. None for a sensor turned through all attitudes; the error then is the
         mean over all axes.
     alignment : `Alignment` with the given accelerometer, gyroscope or headings; `model` includes its rotation. None otherwise.
-    check : `Check` of readings that were held back from the fit; None otherwise.
+    check : `Check` of readings that were held back from the fit, or of those with a known heading; None otherwise.
     findings : what to know. The verdict is "not judged" under `jit`, `vmap` and `grad`.
 
     Examples
@@ -221,7 +221,7 @@ class Check(Result):
 
     @property
     def headline(self) -> str:
-        """The error of the readings held back, and the expected one."""
+        """The error of the readings checked, and the expected one."""
         if np.isfinite(self.heading):
             return f"headings off by {np.rad2deg(self.heading):.2g} deg rms, {np.rad2deg(self.expected_heading):.2g} deg expected"
         return f"magnitudes off by {100 * self.norm:.2g} % rms, {100 * self.expected_norm:.2g} % expected"
@@ -229,7 +229,7 @@ class Check(Result):
     def sections(self) -> list[Section]:
         """Errors beside the expected ones, and the errors by heading."""
         rows = {
-            "readings held back": Number("count", self.count), "their magnitudes are off by": Number("norm", 100 * self.norm, quantity="%"),
+            "readings checked": Number("count", self.count), "their magnitudes are off by": Number("norm", 100 * self.norm, quantity="%"),
             "expected": Number("expected_norm", 100 * self.expected_norm, quantity="%"),
             "their headings are off by": Number("heading", self.heading, quantity="angle"),
             "expected ": Number("expected_heading", self.expected_heading, quantity="angle"),
@@ -247,7 +247,9 @@ class Check(Result):
 
 
 @host_float64
-def check(found: MagFit, m: Samples, *, accel: Samples | None = None, headings: Samples | None = None) -> Check:
+def check(
+    found: MagFit, m: Samples, *, accel: Samples | None = None, headings: Samples | None = None, conditions: dict[str, Any] | None = None
+) -> Check:  # fmt: skip
     r"""Errors of a calibration on readings that were held back from it, beside the errors that it predicts.
 
     The magnitude of a corrected reading, divided by the field, has the variance
@@ -263,6 +265,8 @@ def check(found: MagFit, m: Samples, *, accel: Samples | None = None, headings: 
     m : (n, 3) readings that `found` has not seen, in its unit.
     accel : (n, 3) specific force at rest, in the axes of the corrected field. It gives the dip, and headings of a sensor that is not level.
     headings : (n,) known magnetic headings in rad; NaN where a heading is unknown.
+    conditions : what a model object takes, one row for each reading; its median in the fit where it is not given. The variance is that in
+        usual conditions.
 
     Returns
     -------
@@ -287,40 +291,38 @@ def check(found: MagFit, m: Samples, *, accel: Samples | None = None, headings: 
     ----------
     First-order propagation; the limit is the 95 % quantile of the F distribution.
     """
-    if found.model is None or found.kind == "planar" or "usual" in found._about:
-        raise DataError("A check needs a fit with a model that is not planar, and no model object.", code="no_model")
+    if found.model is None or found.kind == "planar":
+        raise DataError("A check needs a fit with a model that is not planar.", code="no_model")
     m = vectors(m, "readings")
     if not len(m) or not np.isfinite(m).all():
         raise DataError(f"A check needs readings that are finite numbers; got {len(m)}.", code="not_finite")
-    inverse, field = np.linalg.inv(np.asarray(found.model.soft_iron)), float(found.field)
-    y = (m - np.asarray(found.model.hard_iron)) @ inverse.T
-    off, push = np.linalg.norm(y, axis=1) / field - 1, np.linalg.norm(unit(y) @ inverse, axis=1)
+    inverse, field, usual = np.linalg.inv(np.asarray(found.model.soft_iron)), float(found.field), found._about.get("usual")
+    given = {name: np.broadcast_to(value, (len(m), *np.shape(value))) for name, value in (usual or {}).items()} | (conditions or {})
+    y = np.asarray(found.model.correct(m, **given))
+    u = unit(y)
+    off, push = np.linalg.norm(y, axis=1) / field - 1, np.linalg.norm(u @ inverse, axis=1)
     # the slope of the magnitude is that of the distance times the length of the surface's normal, C^-T y
-    rows, known = distance_slopes(found.model, field, unit(y)) * push[:, None] / field, np.asarray(found.estimate.matrix)[:13, :13]
+    rows = distance_slopes(found.model, field, u) * push[:, None] / field if usual is None else changes_of(found.model, field, usual, u, u)
+    known = np.asarray(found.estimate.matrix)[: rows.shape[1], : rows.shape[1]]
     variance = (found.noise / field * push) ** 2 + np.sum((rows @ known) * rows, axis=1)
     norm, expected = float(np.sqrt(np.mean(off**2))), float(np.sqrt(np.mean(variance))) if np.isfinite(known).all() else np.inf
     up = np.tile([0.0, 0.0, -1.0], (len(m), 1)) if accel is None else verticals(accel)
-    of = None if headings is None else np.asarray(headings, dtype=float)
-    if up.shape != m.shape:
-        raise DataError(f"There are {len(m)} readings and {len(up)} rows of specific force; give one for each reading.", code="rows_differ")
-    level, measured = np.sqrt(1 - np.clip(np.sum(unit(y) * up, axis=1), -1, 1) ** 2), np.full(len(m), np.nan)
+    of = np.full(len(m), np.nan) if headings is None else np.asarray(headings, dtype=float)
+    if up.shape != m.shape or of.shape != m.shape[:1]:
+        raise DataError(f"{len(m)} readings, {len(up)} rows of specific force, {of.size} headings; give equally many.", code="rows_differ")
+    level, measured = np.sqrt(1 - np.clip(np.sum(u * up, axis=1), -1, 1) ** 2), np.full(len(m), np.nan)
     if headings is not None or accel is not None:
         flat = level > STEEPEST
         measured[flat] = np.asarray(heading(y[flat], 9.81 * up[flat]))
-    of = measured if of is None else of
-    if of.shape != (len(m),):
-        raise DataError(f"The headings have shape {of.shape}; give one for each of {len(m)} readings, NaN where none is known.",
-                        code="rows_differ")  # fmt: skip
-    error = np.angle(np.exp(1j * (measured - of))) if headings is not None else np.full(len(m), np.nan)
+    error = np.angle(np.exp(1j * (measured - of)))
     there, rms, told = np.isfinite(error), float("nan"), float("nan")
     if there.any():
         rms = float(np.sqrt(np.mean(error[there] ** 2)))
-        by_calibration = found.heading_error[0 if accel is None else 1]
-        told = float(np.hypot(by_calibration, np.sqrt(np.mean((found.noise / field / level[there]) ** 2))))
+        told = float(np.hypot(found.heading_error[int(accel is not None)], np.sqrt(np.mean((found.noise / field / level[there]) ** 2))))
     most = float(np.sqrt(scipy.special.fdtri(_PARAMETERS, float(found.estimate.freedom[0]), 0.95)))
     wrong = norm > max(most * expected, EXACT) or rms > max(most * told, EXACT)  # the second is false without known headings
     said = (FINDINGS("check", count=len(m)),) if wrong else ()
-    return Check(norm, expected, rms, told, len(m), _table(of, error, off), said)
+    return Check(norm, expected, rms, told, len(m), _table(measured if headings is None else of, error, off), said)
 
 
 def _table(of: np.ndarray, error: np.ndarray, off: np.ndarray) -> np.ndarray:

@@ -290,7 +290,10 @@ def test_a_model_of_the_user(call, folder):
     assert np.linalg.norm(jaxcal.read(folder / "right.csv", quiet=True).mag, axis=1).std() < 0.5e-6
     refused = {"none.py:A": "not_there", "own.py:A": "model_class", "own.py:Other": "model_kind", "cube": "model"}
     assert {model: call("mag", "warm.csv", "--model", model).code for model in refused} == refused
-    assert call("mag", "warm.csv", "--model", "own.py:Warming", "--check", "5").code == "check_own_model"
+    assert call("mag", "warm.csv", "--model", "own.py:Warming", "--check", "5", "--out", "tried").status == 0
+    seen = json.loads((folder / "tried" / "mag.json").read_text())["check"]
+    assert (seen["verdict"], seen["count"]) == ("good", 80)
+    assert 0.8 < seen["norm"] / seen["expected_norm"] < 1.2
 
 
 def test_columns_x_y_z_without_a_clock_beside_a_magnet(call, folder):
