@@ -37,7 +37,7 @@ def test_a_magnetometer_fit_as_text_and_as_a_file(tmp_path, refuses):
     np.testing.assert_array_equal(document["model"]["soft_iron"], found.model.soft_iron)
     np.testing.assert_array_equal(document["estimate"]["covariance"], found.estimate.matrix)
     assert document["numbers"]["hard_iron[1]"]["value"] == found.model.hard_iron[1]
-    assert document["coverage"]["occupied"] == found.coverage.occupied
+    assert document["numbers"]["coverage.occupied"]["value"] == 100 * found.coverage.occupied
     with refuses("not_written", ExportError):
         found.save(tmp_path / "nowhere" / "mag.json")
 
