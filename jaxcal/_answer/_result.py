@@ -245,9 +245,8 @@ class Result(_Said, eqx.Module):
     findings : `Finding`s: what to know about the result. The worst severity is the `verdict`.
     """
 
-    __getattribute__ = direct
-
-    if not TYPE_CHECKING:  # a type checker would treat them as arguments of every subclass
+    if not TYPE_CHECKING:  # a checker knows no type of the first, and takes the others for arguments of every subclass
+        __getattribute__ = direct
         findings: eqx.AbstractVar[tuple[Finding, ...]]
         __hash__ = None
 

@@ -1,6 +1,7 @@
 """`Noise`: the noise family of IEEE Std 952 as one composable model."""
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 import equinox as eqx
 import jax
@@ -63,7 +64,8 @@ class Noise(eqx.Module):
     IEEE Std 952-1997, annex C. The exact forms for sampled data follow from the phase covariance, see `avar`.
     """
 
-    __getattribute__ = direct
+    if not TYPE_CHECKING:
+        __getattribute__ = direct
 
     Q: Leaf = eqx.field(default=0.0, converter=_number)
     N: Leaf = eqx.field(default=0.0, converter=_number)
