@@ -154,7 +154,7 @@ CASES = {
     "device plain": device(set()), "device accelerometer behind 5 Hz": device({"low_pass"}, poles={"accel": 5.0}),
     **{f"north {plan}, {kind}": turntable(plan, kind) for plan in north.PLACES for kind in table.DRIFTS},
     "north 4 x 120 s, step": turntable("4 x 120 s", "step", frozenset({"drift_order"})),
-    **{f"north {plan}, {name}": turntable(plan, name) for plan in ("4 x 120 s", "8 in pairs x 60 s") for name in north.FAULTS},
+    **{f"north {plan}, {name}": turntable(plan, name) for plan in ("4 x 120 s", "16 in pairs x 30 s") for name in north.FAULTS},
     "north without latitude": roots,
 }  # fmt: skip
 

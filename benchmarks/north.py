@@ -94,7 +94,7 @@ def raw(runs):
             print(f"{kind:6s} {mode:30s} {rms}   {cover}   {np.abs(differences).max():.2f}   {np.mean(lost):.2f} s cut off", flush=True)
 
 
-PLACES = {name: world.PLANS[name] for name in ("4 x 120 s", "8 mirrored x 60 s")} | {"8 in pairs x 60 s": world.PAIRS}
+PLACES = {name: world.PLANS[name] for name in ("4 x 120 s", "8 mirrored x 60 s")} | {"16 in pairs x 30 s": world.PAIRS}
 FAULTS = {"tilt 41 arcsec": {"tilt": 41 / 3600 * world.DEG}} | {
     f"angles off by {size} deg{', at each alike' * repeats}": {"encoder": size * world.DEG, "repeats": repeats}
     for repeats in (False, True) for size in (0.05, 0.1)
@@ -123,7 +123,7 @@ def lacks(runs):
     cases += [("4 x 120 s", kind, {"inside": False}) for kind in ("none", "linear", "exponential", "step")]
     cases += [("4 x 120 s", kind, {"known": False}) for kind in ("none", "linear")]
     cases += [("4 x 120 s", name, {"known": known}) for name in FAULTS if "alike" not in name for known in (True, False)]
-    cases += [(plan, name, {}) for plan in ("8 mirrored x 60 s", "8 in pairs x 60 s") for name in FAULTS]
+    cases += [(plan, name, {}) for plan in ("8 mirrored x 60 s", "16 in pairs x 30 s") for name in FAULTS]
     cases += [("4 x 120 s", name, {"axes": 3}) for name in ("none", "angles off by 0.05 deg", "angles off by 0.1 deg")]
     bound = world.GYRO[0] * np.sqrt(2 / 480.0) / (world.EARTH * np.cos(world.LATITUDE))
     for plan, name, options in cases:

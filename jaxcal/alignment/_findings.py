@@ -62,7 +62,7 @@ FINDINGS = table(
     ),
     drift_order=Kind(
         NOTE, "The azimuth changes by up to {size:.2g} for each deg/h by which the gyro's bias changes in the test.",
-        "Measure in the order {order} deg.", limits=(1.2,),  # times the change with that order
+        "Measure in the order {order} deg, and all that back.", limits=(1.2,),  # times the change with that order
     ),
     angles_open=Kind(
         NOTE, "The intervals allow for errors of the table's angles. With exact angles they would be ± {azimuth:.2g} of the azimuth, "

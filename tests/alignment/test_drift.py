@@ -44,14 +44,15 @@ FOUR, MIRRORED = world.PLANS["4 x 120 s"], world.PLANS["8 mirrored x 60 s"]
     ("plan", "kind", "parts"),
     [
         (FOUR, "linear", True), (FOUR, "linear", False), (FOUR, "exponential", True), (MIRRORED, "quadratic", True),
-        (MIRRORED, "exponential", False), (world.PAIRS, "linear", True), (world.PAIRS, "step", True),
+        (MIRRORED, "exponential", False), (world.PAIRS, "exponential", True), (world.PAIRS, "step", True),
     ],
 )  # fmt: skip
 def test_a_drift_is_named_and_the_azimuth_holds_or_is_withheld(plan, kind, parts):
     runs = 15
-    found, held, _ = results(plan, runs, kind=kind, parts=parts)
+    found, held, off = results(plan, runs, kind=kind, parts=parts)
     assert np.mean(["drift" in one.codes and one.verdict != "good" for one in found]) > 0.9
     assert held[2] > 0.95 - 3 * np.sqrt(0.95 * 0.05 / runs)
+    assert plan is not world.PAIRS or off[2] < 1.3 * results(plan, runs)[2][2]  # with the same noise
 
 
 @pytest.mark.parametrize("plan", [FOUR, MIRRORED, world.PAIRS], ids=["four", "mirrored", "pairs"])
@@ -62,11 +63,12 @@ def test_without_a_drift_nothing_is_found_and_the_estimate_is_as_good_as_before(
     assert np.mean([one.verdict == "good" for one in found]) > 0.97 - 3 * np.sqrt(0.03 * 0.97 / runs)
     assert not any({"drift", "tilt"} & one.codes for one in found)
     assert np.all(held > 0.83)
-    # the bound without a drift: N sqrt(2 / T) over the horizontal part of the Earth's rate
-    bound = world.GYRO[0] * np.sqrt(2 / 480.0) / (world.EARTH * np.cos(world.LATITUDE))
-    assert off[2] < bound * (1.03 + 3 / np.sqrt(2 * runs))
-    assert np.median([one.azimuth_std for one in found]) / bound < 1.03
-    assert plan is MIRRORED or all(("drift_order" in one.codes) == (plan is FOUR) for one in found)
+    # the bound without a drift: N sqrt(2 / T) over the horizontal part of the Earth's rate; T is what the ends of the rests leave of 480 s
+    seconds = np.mean([one.readings.positions.dwell.sum() for one in found])
+    bound = world.GYRO[0] * np.sqrt(2 / seconds) / (world.EARTH * np.cos(world.LATITUDE))
+    assert off[2] < bound * (1.01 + 3 / np.sqrt(2 * runs))
+    assert np.median([one.azimuth_std for one in found]) / bound < 1.01
+    assert all(("drift_order" in one.codes) == (plan is not world.PAIRS) for one in found)
 
 
 def test_a_step_that_four_positions_cannot_show_is_named_with_its_size_and_the_order_that_shows_it():
@@ -92,33 +94,43 @@ def test_a_tilting_base_is_named_and_errors_of_the_angles_are_no_tilt():
         assert np.all(held > 0.7)
 
 
-@pytest.mark.parametrize(("plan", "wider"), [(FOUR, 1.3), (world.PAIRS, 1.1)], ids=["four", "pairs"])
-def test_the_intervals_allow_for_errors_of_the_angles_that_the_residuals_do_not_exclude(plan, wider):
-    runs, plain = 30, []
+@pytest.mark.parametrize("plan", [FOUR, world.PAIRS], ids=["four", "pairs"])
+def test_the_intervals_allow_for_errors_of_the_angles_that_the_residuals_do_not_exclude(plan):
+    runs, plain, level = 30, [], []
     for encoder in (0.0, 0.05, 0.1):
-        found, held, _ = results(plan, runs, encoder=encoder * DEG)
+        found, held, off = results(plan, runs, encoder=encoder * DEG, repeats=True)
         assert np.all(held > 0.95 - 3 * np.sqrt(0.95 * 0.05 / runs))
         plain.append(np.median([one.azimuth_std for one in found if one.psi is not None]))
-        assert encoder or plan is not FOUR or all("angles_open" in one.codes for one in found if one.verdict == "good")
+        good = [one for one in found if one.verdict == "good"]
+        assert all("angles_open" in one.codes for one in good)
+        # also where the one residual of the accelerometer is small by chance, the errors are of the size that they have
+        level.append(min(one.std["phi"] for one in good) / off[0])
     exact = np.median([one.azimuth_std for one in results(plan, runs)[0]])
-    assert exact * (1 - 1e-6) < plain[0] < wider * exact
+    # an error of each of four angles moves the azimuth by (sin^4 + cos^4) / 2 of its variance, 3/8 in the mean: less than with 0.1 degrees
+    assert exact * (1 - 1e-6) < plain[0] < np.hypot(exact, np.sqrt(3 / 8) * 0.1 * DEG)
     assert plain[0] < plain[1] < plain[2]
+    assert min(level) > 1 / 3
 
 
 def test_the_order_is_the_best_of_all():
     """Of all orders of twice four angles it leaves least of a linear and a quadratic drift, and of a step at any time."""
 
     def left(order):
-        u, z = np.arange(8) / 8 - 7 / 16, np.exp(1j * np.deg2rad(order)) / 4
-        shapes = np.array([u, u**2, *(np.arange(8) >= k for k in range(1, 8))], dtype=float)
+        n = np.shape(order)[-1]
+        u, z = (np.arange(n) - (n - 1) / 2) / n, np.exp(1j * np.deg2rad(order)) / (n / 2)
+        shapes = np.array([u, u**2, *(np.arange(n) >= k for k in range(1, n))], dtype=float)
         return np.abs(np.asarray(z) @ shapes.T)
 
     orders = np.array(sorted(set(itertools.permutations([0, 0, 90, 90, 180, 180, 270, 270]))))
     every = left(orders)
     smooth, worst = every[:, :2].max(axis=1), every.max(axis=1)
-    own = left(np.rad2deg(there_and_back(np.deg2rad([0, 90, 180, 270]))).round())
+    order = np.rad2deg(there_and_back(np.deg2rad([0, 90, 180, 270]))).round()
+    own, twice = left(order), left(np.concatenate([order, order[::-1]]))
     assert own[:2].max() == pytest.approx(smooth.min(), abs=1e-9)
     assert own.max() == pytest.approx(worst.min(), abs=1e-9)
+    # back again it leaves a quarter of a quadratic drift and half of a step
+    assert twice[:2] == pytest.approx(own[:2] / 4, abs=1e-9)
+    assert twice.max() == pytest.approx(own.max() / 2, abs=1e-9)
 
 
 @pytest.mark.parametrize("drift", [0.0, 2e-6])

@@ -22,8 +22,8 @@ PLANS = {
     "4 x 120 s": ([0, 90, 180, 270], 120.0), "8 mirrored x 60 s": ([0, 90, 180, 270, 270, 180, 90, 0], 60.0),
     "4 x 600 s": ([0, 90, 180, 270], 600.0),
 }  # fmt: skip
-#: the order in which opposite positions are measured there and back
-PAIRS = [0, 180, 180, 0, 90, 270, 270, 90], 60.0
+#: the order in which opposite positions are measured there and back, and all of them back again
+PAIRS = [0, 180, 180, 0, 90, 270, 270, 90, 90, 270, 270, 90, 0, 180, 180, 0], 30.0
 MOVE = 8.0  # s between rests
 
 
