@@ -2,7 +2,7 @@
 
     python benchmarks/columns.py [pattern of names]
 
-1,698 inputs: 200 headers that jaxcal's names were written with, and 649 that were written afterwards, in seven parts, each of a sensor turned
+2,006 inputs: 200 headers that jaxcal's names were written with, and 803 that were written afterwards, in ten parts, each of a sensor turned
 by hand and of one at rest. The signals and the text share no code with the reader. A refusal counts as rightly refused if the file holds no sensor, or if the
 options that it names, typed as they stand, give the truth (the rate, and what the file cannot say, are known to whoever typed).
 """
@@ -63,20 +63,23 @@ def motion(kind):
             X = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
             C = C @ (np.eye(3) + np.sin(th) * X + (1 - np.cos(th)) * X @ X)
     free = 0.3 * rng.normal(size=(N, 3)) if kind == "hand" else 0.02 * rng.normal(size=(N, 3))
-    return {
+    first = {
         "w": w + 0.01 * rng.normal(size=3) + 0.002 * rng.normal(size=(N, 3)),
         "a": a * 1.01 + 0.02 * rng.normal(size=(N, 3)) + (free if kind == "hand" else 0),
         "m": m + 1e-5 * rng.normal(size=3) + 2e-7 * rng.normal(size=(N, 3)),
         "f": free,
         "v": a,
     }
+    # a second device beside it, whose readings must not be mixed with those of the first
+    return first | {name.upper(): first[name][:, [1, 2, 0]] + offset for name, offset in (("w", 0.003), ("a", 0.0), ("m", 3e-6))}
 
 
 MOTION = {"hand": motion("hand"), "still": motion("still")}
 DAY = datetime.datetime(2023, 5, 1, 11, 59, 58)
 MOM = [DAY + datetime.timedelta(seconds=float(t)) for t in T]
 E0 = 1700000000
-COUNT = {"a": G / 16384, "w": DEG / 131, "m": 0.15e-6}
+COUNT = {"a": G / 16384, "w": DEG / 131, "m": 0.15e-6, "A": G / 16384, "W": DEG / 131}
+LOOK = np.column_stack([np.sin(T), np.cos(2 * T), np.full(N, 3.0)])
 
 
 def fields(token, sig):
@@ -116,6 +119,8 @@ def fields(token, sig):
         "z": lambda: [[""] * N],
         "k": lambda: [[str(int(v)) for v in rng.integers(0, 256, N)]],
         "kh": lambda: [[f"{int(v):02X}" for v in rng.integers(0, 256, N)]],
+        "u": lambda: [[f"{v:.5f}" for v in one] for one in (LOOK / np.linalg.norm(LOOK, axis=1)[:, None]).T],
+        "b": lambda: [[f"{v:.6f}" for v in 0.01 * (k + 1) + 0.002 * np.sin(0.2 * T * (k + 1))] for k in range(3)],
         "n3": lambda: [[f"{v:.4f}" for v in np.sin(T * (k + 1)) * (k + 1)] for k in range(3)],
     }
     if kind in simple and not unit:
@@ -1029,6 +1034,163 @@ add("json rows of a phone", "", "", lines=lambda s: ["[" + ",".join('{"t": %.3f,
 add("serial with unit words", "", "", lines=each(lambda k, t, a, w, m: f"Acceleration X: {a[0]:.4f}, Y: {a[1]:.4f}, Z: {a[2]:.4f} m/s^2  Rotation X: {w[0]:.5f}, Y: {w[1]:.5f}, Z: {w[2]:.5f} rad/s  t: {4321 + 10 * k} ms"), want="aw", file="log.txt")
 add("mbed", "", "", lines=each(lambda k, t, a, w, m: f"t={4321 + 10 * k};A={xyz(a, mark=' ')};G={xyz(w, mark=' ')}"), want="aw", file="log.txt")
 add("csv with units in cells", "Time,Acc X,Acc Y,Acc Z", "", lines=each(lambda k, t, a, w, m: f"{t:.2f} sec,{xyz(a)}"), want="a")
+# --- a letter or a word for the place before that of the sensor
+add("X all", "t,Xgx,Xgy,Xgz,Xax,Xay,Xaz,Xmx,Xmy,Xmz", "t w:d a:m m:uT")
+add("X g m", "t,Xgx,Xgy,Xgz,Xmx,Xmy,Xmz", "t w:d m:uT")
+add("X g a", "time,Xax,Xay,Xaz,Xgx,Xgy,Xgz", "t a:m w:r")
+add("sg", "time,sax,say,saz,sgx,sgy,sgz", "t a:g w:d")
+add("sg only", "time,sgx,sgy,sgz", "t w:d")
+add("IMU1gx", "time,IMU1ax,IMU1ay,IMU1az,IMU1gx,IMU1gy,IMU1gz", "t a:m w:r")
+add("IMU1gx two", "time,IMU1ax,IMU1ay,IMU1az,IMU1gx,IMU1gy,IMU1gz,IMU2ax,IMU2ay,IMU2az,IMU2gx,IMU2gy,IMU2gz", "t a:m w:r a:m w:r")
+add("b_gx", "time,b_ax,b_ay,b_az,b_gx,b_gy,b_gz", "t a:m w:r")
+add("raw_gx", "time,raw_ax,raw_ay,raw_az,raw_gx,raw_gy,raw_gz", "t a:m w:r")
+add("Cgx", "time,Cax,Cay,Caz,Cgx,Cgy,Cgz,Cmx,Cmy,Cmz", "t a:g w:d m:uT")
+add("Cgx Cmx", "time,Cgx,Cgy,Cgz,Cmx,Cmy,Cmz", "t w:d m:uT")
+add("lgx rgx", "time,lax,lay,laz,lgx,lgy,lgz,rax,ray,raz,rgx,rgy,rgz", "t a:g w:d a:g w:d")
+add("hgx", "ts,hax,hay,haz,hgx,hgy,hgz", "tms a:g w:d")
+add("fgx", "ts,fax,fay,faz,fgx,fgy,fgz", "tms a:g w:d")
+add("mpugx", "ts,mpuax,mpuay,mpuaz,mpugx,mpugy,mpugz", "tms a:g w:d")
+add("mpu_gx", "ts,mpu_ax,mpu_ay,mpu_az,mpu_gx,mpu_gy,mpu_gz", "tms a:g w:d")
+add("lsm_gx", "ts,lsm_ax,lsm_ay,lsm_az,lsm_gx,lsm_gy,lsm_gz", "tms a:g w:d")
+add("bmigx", "ts,bmiax,bmiay,bmiaz,bmigx,bmigy,bmigz", "tms a:g w:d")
+add("a1gx", "ts,a1x,a1y,a1z,g1x,g1y,g1z", "tms a:g w:d")
+add("Xgyrx", "t,Xaccx,Xaccy,Xaccz,Xgyrx,Xgyry,Xgyrz", "t a:m w:r")
+add("igx imx", "t,iax,iay,iaz,igx,igy,igz,imx,imy,imz", "t a:m w:r m:uT")
+add("xgx", "t,xax,xay,xaz,xgx,xgy,xgz", "t a:m w:r")
+add("gx_X", "t,ax_L,ay_L,az_L,gx_L,gy_L,gz_L,ax_R,ay_R,az_R,gx_R,gy_R,gz_R", "t a:m w:r a:m w:r")
+add("gxL", "t,axL,ayL,azL,gxL,gyL,gzL", "t a:m w:r")
+add("bgx are biases", "t,bgx,bgy,bgz,bax,bay,baz", "t n3 n3", refuse="no_sensor")
+add("dgx", "t,ax,ay,az,dgx,dgy,dgz", "t a:m n3",want="a")
+add("Wgx", "t,Wax,Way,Waz,Wgx,Wgy,Wgz", "t a:m w:r")
+add("Agx", "t,Aax,Aay,Aaz,Agx,Agy,Agz,Bax,Bay,Baz,Bgx,Bgy,Bgz", "t a:m w:r a:m w:r")
+add("wrist", "t,wristax,wristay,wristaz,wristgx,wristgy,wristgz", "t a:m w:r")
+add("S1", "t,S1ax,S1ay,S1az,S1gx,S1gy,S1gz,S1mx,S1my,S1mz", "t a:m w:r m:uT")
+add("S1g only", "t,S1gx,S1gy,S1gz", "t w:r")
+add("Xgx only", "t,Xgx,Xgy,Xgz", "t w:r")
+add("Xwx", "t,Xfx,Xfy,Xfz,Xwx,Xwy,Xwz", "t a:m w:r")
+add("Xmx only", "t,Xmx,Xmy,Xmz", "t m:uT")
+add("uGx", "t,uAx,uAy,uAz,uGx,uGy,uGz,uMx,uMy,uMz", "t a:m w:r m:uT")
+# --- and after the mends of these, most of them headers that programs in public repositories write
+add("foot and shank", "time,faccx,faccy,faccz,fgyrx,fgyry,fgyrz,saccx,saccy,saccz,sgyrx,sgyry,sgyrz,load", "tms a:g w:d A:g W:d k")
+add("left and right", "timestamp,lax,lay,laz,lgx,lgy,lgz,rax,ray,raz,rgx,rgy,rgz", "tms a:g w:d A:g W:d")
+add("hand of gestures", "group,label,rep_id,sample_idx,hAX,hAY,hAZ,hGX,hGY,hGZ,iAX,iAY,iAZ,iGX,iGY,iGZ,mAX,mAY,mAZ,mGX,mGY,mGZ", "s:throttle s:up n:1 i a:g w:d A:g W:d A:g W:d")
+add("H3 beside an IMU", "Timestamp,H3_AX,H3_AY,H3_AZ,IMU_AX,IMU_AY,IMU_AZ,IMU_GX,IMU_GY,IMU_GZ,Lat,Lon,Fix", "tms A:g a:g w:d n:48 n:11 n:1")
+add("raw and filt", "timestamp,raw_ax,raw_ay,raw_az,raw_gx,raw_gy,raw_gz,raw_mx,raw_my,raw_mz,raw_temp_c,filt_ax,filt_ay,filt_az,filt_gx,filt_gy,filt_gz,filt_mx,filt_my,filt_mz,filt_temp_c,q0,q1,q2,q3,roll,pitch,yaw", "tms a:m w:r m:uT tmp A:m W:r M:uT tmp q e")
+add("diagnostics", "timestamp_us,dt_s,raw_ax,raw_ay,raw_az,raw_gx,raw_gy,raw_gz,roll_deg,pitch_deg,gx_dps,gy_dps,gz_dps,calibrated,valid", "tus n:0.01 a:g w:d p p w:d n:1 n:1")
+add("ECG patch", "t_us,ecg_corr,ax0,ay0,az0,gx0,gy0,gz0,ax1,ay1,az1,gx1,gy1,gz1,ax2,ay2,az2,gx2,gy2,gz2,out_raw,refout_raw", "tus k a:g w:d A:g W:d A:g W:d k k")
+add("tempo_us", "tempo_us,ax1,ay1,az1,gx1,gy1,gz1,ax2,ay2,az2,gx2,gy2,gz2", "tus a:c w:c A:c W:c", expect="counts")
+add("load cell", "sample_us,time_of_day,load_cell_raw,load_cell_est_kg,imu_ax,imu_ay,imu_az,imu_gx,imu_gy,imu_gz,imu_mx,imu_my,imu_mz,roll_deg,pitch_deg,yaw_deg", "tus C k p a:m w:r m:uT e")
+add("Raw_G of a calibration", "Sample,Raw_Gx,Raw_Gy,Raw_Gz,Temp_C", "i w:d tmp")
+add("true, est, imu", "t,true_wx,true_wy,true_wz,est_wx,est_wy,est_wz,imu_ax,imu_ay,imu_az,imu_gx,imu_gy,imu_gz", "t W:r W:r a:m w:r")
+add("headset raw gyro", "t,qw,qx,qy,qz,ax,ay,az,gx,gy,gz,rgt,rgx,rgy,rgz", "t q a:g w:r t W:r")
+add("gaze", "TS,HR,LGX,LGY,LGZ,LGC,LPD,LPDC,RGX,RGY,RGZ,RGC,RPD,RPDC,CGX,CGY,CGZ,CGC,PPX,PPY,PPZ,PRX,PRY,PRZ", "Ts k u n:1 p n:1 u n:1 p n:1 u n:1 n3 e", refuse=True)
+add("AV of two", "time,AccX1,AccY1,AccZ1,AVX1,AVY1,AVZ1,AccX2,AccY2,AccZ2,AVX2,AVY2,AVZ2,GpsLong,GpsLat,GpsHeight,GpsSpeed,GpsDecl", "t a:g w:d A:g W:d n:11 n:48 p p p")
+add("AngVel of two", "Time,AccX1,AccY1,AccZ1,AccX2,AccY2,AccZ2,AngVelX1,AngVelY1,AngVelZ1,AngVelX2,AngVelY2,AngVelZ2,AngX1,AngY1,AngZ1,AngX2,AngY2,AngZ2", "t a:g A:g w:d W:d e e")
+add("two ICM", "Time,AccX1,AccY1,AccZ1,GyroX1,GyroY1,GyroZ1,MagX1,MagY1,MagZ1,AccX2,AccY2,AccZ2,GyroX2,GyroY2,GyroZ2,MagX2,MagY2,MagZ2", "tms a:m w:r m:uT A:m W:r M:uT")
+add("session of a watch", "SessionID,SessionDate,SessionDuration,SessionPeriod,AmountOfSensors,IsWalking,Timestamp1,timeIntervalSince1970_1,GyroX1,GyroY1,GyroZ1,AccX1,AccY1,AccZ1,MagX1,MagY1,MagZ1", "s:a D2 n:10 n:10 n:1 n:0 t Ts w:d a:g m:uT")
+add("Timestamp1", "Timestamp1(ms),AccX1,AccY1,AccZ1,GyroX1,GyroY1,GyroZ1,Roll1,Pitch1,Yaw1", "tms a:g w:d e")
+add("IMU1_Ax", "Timestamp,IMU1_Ax,IMU1_Ay,IMU1_Az,IMU1_Gx,IMU1_Gy,IMU1_Gz,IMU2_Ax,IMU2_Ay,IMU2_Az,IMU2_Gx,IMU2_Gy,IMU2_Gz", "Tms a:g w:d A:g W:d")
+add("ADXL beside two", "ms,adxl_x,adxl_y,adxl_z,imu1_ax,imu1_ay,imu1_az,imu1_gx,imu1_gy,imu1_gz,imu2_ax,imu2_ay,imu2_az,imu2_gx,imu2_gy,imu2_gz,temp_c,press_hpa,alt_m,sensor_status", "tms A:m a:m w:r A:m W:r tmp p p n:7")
+add("posture belt", "ms,imu1_ax,imu1_ay,imu1_az,imu1_gx,imu1_gy,imu1_gz,imu1_posture,imu2_ax,imu2_ay,imu2_az,imu2_gx,imu2_gy,imu2_gz,imu2_posture,combined_posture,flex_raw", "tms a:g w:d s:ok A:g W:d s:ok s:ok k")
+add("robot arm", "timestamp,imu1_gvx,imu1_gvy,imu1_gvz,imu1_gx,imu1_gy,imu1_gz,imu1_qw,imu1_qx,imu1_qy,imu1_qz,imu1_quatAcc,imu1_lax,imu1_lay,imu1_laz,imu1_ax,imu1_ay,imu1_az,imu1_mx,imu1_my,imu1_mz", "Ts v:m w:r q n:3 f:m a:m m:uT")
+add("chewing", "time_ms,l_ax,l_ay,l_az,l_gx,l_gy,l_gz,r_ax,r_ay,r_az,r_gx,r_gy,r_gz", "tms a:g w:d A:g W:d")
+add("both hands", "L_F1,L_F2,L_F3,L_F4,L_F5,L_Ax,L_Ay,L_Az,L_Gx,L_Gy,L_Gz,R_F1,R_F2,R_F3,R_F4,R_F5,R_Ax,R_Ay,R_Az,R_Gx,R_Gy,R_Gz", "k k k k k a:g w:d k k k k k A:g W:d")
+add("zip line", "time,L_Ax,L_Ay,L_Az,R_Ax,R_Ay,R_Az,Pulsos,Vel_ms", "tms a:g A:g k p")
+add("three places", "Time,Ankle_acc_x,Ankle_acc_y,Ankle_acc_z,Thigh_acc_x,Thigh_acc_y,Thigh_acc_z,Trunk_acc_x,Trunk_acc_y,Trunk_acc_z,Label", "tms a:mg A:mg A:mg n:1")
+add("w_x a_x", "time_ns,w_x,w_y,w_z,a_x,a_y,a_z,tx,ty,tz,qx,qy,qz,qw", "Tns w:r a:m n3 q")
+add("race car observer", "t,roll,pitch,yaw,w_x,w_y,w_z,a_x,a_y,a_z,n_FL,n_FR,motor_pwm,servo_pwm,d_f,vhat_x,vhat_y,what_z", "Ts e w:r a:m k k k k p p p p")
+add("robot of bricks", "seq,t_ms,phase,relA_deg,relB_deg,velL,velR,statusL,statusR,yaw_ddeg,accx_mg,accy_mg,accz_mg,reflC_pct,rC,gC,bC,iC", "i tms s:go p p p p n:0 n:0 p a:mg p k k k k")
+add("tracker of a buoy", "unix_time,human_time,interval_s,lat_i,lon_i,alt_m,sats,accX_mg,accY_mg,accZ_mg,gyrX_dps,gyrY_dps,gyrZ_dps,magX_uT,magY_uT,magZ_uT,temp_C,press_Pa,baroAlt_m", "Ts D n:0.01 n:480000000 n:110000000 p n:9 a:mg w:d m:uT tmp p p")
+add("CO2 balloon", "Time_ms,Pressure_hPa,BMP_Temp_C,Altitude_m,CO2_ppm,SCD30_Temp_C,SCD30_RH,AccX_mg,AccY_mg,AccZ_mg,GyroX_dps,GyroY_dps,GyroZ_dps,GPS_Lat,GPS_Lon,GPS_Alt_m,GPS_Sats", "tms p tmp p n:420 tmp p a:mg w:d n:48 n:11 p n:9")
+add("roll rate apart", "Time_us,Gyro_X,Gyro_Y,Gyro_Z,Accel_X,Accel_Y,Accel_Z,Temp_C,Pressure_hPa,Alt_Raw_m,Velocity_ms,Roll_Angle_deg,Roll_Rate_degs,Tilt_deg,Pitch_Rate_degs,Yaw_Rate_degs", "", lines=each(lambda k, t, a, w, m: f"{7000000 + 10000 * k},{xyz(w, DEG)},{xyz(a, G)},25.1,1013.2,120.1,1.5,3.1,{w[0] / DEG:.4f},2.1,{w[1] / DEG:.4f},{w[2] / DEG:.4f}"), want="aw")
+add("uncorrected beside", "time_us,gyro_x_rad_s,gyro_y_rad_s,gyro_z_rad_s,acc_x_m_s2,acc_y_m_s2,acc_z_m_s2,temperature_c,gyro_sensor_uncorrected_x_rad_s,gyro_sensor_uncorrected_y_rad_s,gyro_sensor_uncorrected_z_rad_s", "tus w:r a:m tmp W:r")
+add("gyro of a loop", "time_us,gyroX,gyroY,gyroZ", "tus w:d")
+add("whale tag", "accelX,accelY,accelZ,gyroX,gyroY,gyroZ,magX,magY,magZ,red,green,blue,pressure(mBar),temperature,datetime", "a:g w:d m:uT k k k p tmp D")
+add("Nmsg", "Nmsg,AccX,AccY,AccZ,GyroX,GyroY,GyroZ,AngX,AngY,Alt,Pressure,Temp,Parachute,Peripheral", "i a:g w:d p p p p tmp n:0 n:1")
+add("time in four columns", "Processed,Time(h),Time(m),Time(s),Time(ms),Delt,AccX,AccY,AccZ,GyroX,GyroY,GyroZ,MagX,MagY,MagZ,PCTimestamp", "", lines=each(lambda k, t, a, w, m: f"1,{MOM[k].hour},{MOM[k].minute},{MOM[k].second},{MOM[k].microsecond // 1000},10,{xyz(a, G)},{xyz(w, DEG)},{xyz(m, 1e-6)},{E0 + t:.3f}"), want="awm")
+add("hax of the head", "Time,Index,AccX,AccY,AccZ,MagnX,MagnY,MagnZ,GyroX,GyroY,GyroZ,qW,qX,qY,qZ,hax,hay,haz", "Tms i a:m m:uT w:r q f:m")
+add("navigation states", "ts,x,y,z,vx,vy,vz,roll,pitch,yaw,bax,bay,baz,bgx,bgy,bgz,Lx,Ly,Lz", "Ts n3 n3 e b b n3", refuse=True)
+add("Polish skates", "t_sec,label,pax,pay,paz,pzx,pzy,pzz,pmx,pmy,pmz,lax,lay,laz,lzx,lzy,lzz,lmx,lmy,lmz", "t s:jazda a:g w:d m:uT A:g W:d M:uT")
+add("two boards", "SMX,SMY,SMZ,SAX,SAY,SAZ,SGX,SGY,SGZ,PMX,PMY,PMZ,PAX,PAY,PAZ,PGX,PGY,PGZ", "m:uT a:g w:d M:uT A:g W:d")
+add("CSV first", "CSV,fax,fay,faz,fgx,fgy,fgz,sax,say,saz,sgx,sgy,sgz,fi,si", "s:CSV a:g w:d A:g W:d n:0 n:1")
+add("orthosis", "timestamp_us,frame_index,fax,fay,faz,fgx,fgy,fgz,sax,say,saz,sgx,sgy,sgz,fqw,fqx,fqy,fqz,sqw,sqx,sqy,sqz,status", "tus i a:c w:c A:c W:c q q n:0", expect="counts")
+add("device motion r", "elapsed,dm_ax,dm_ay,dm_az,dm_rx,dm_ry,dm_rz", "t a:g w:r")
+add("smart ball", "t,A_x,A_y,A_z,Om_x,Om_y,Om_z", "t a:m w:r")
+add("mps2 and dps", "epoch_s,AccelerationX_mps2,AccelerationY_mps2,AccelerationZ_mps2,AngularRateX_dps,AngularRateY_dps,AngularRateZ_dps", "Ts a:m w:d")
+add("flight software", "MET,GYRO_RATE_X,GYRO_RATE_Y,GYRO_RATE_Z,ACC_MEAS_X,ACC_MEAS_Y,ACC_MEAS_Z", "t w:r a:m")
+add("corrected gyro", "System Time,Corrected Gyro X,Corrected Gyro Y,Corrected Gyro Z,Corrected Accel X,Corrected Accel Y,Corrected Accel Z,Corrected Compass X,Corrected Compass Y,Corrected Compass Z", "t w:r a:g m:G")
+add("plural sensors", "Time,Accelerometers X,Accelerometers Y,Accelerometers Z,Gyroscopes X,Gyroscopes Y,Gyroscopes Z,Magnetometers X,Magnetometers Y,Magnetometers Z", "t a:m w:r m:uT")
+add("Norwegian", "tid;akselerasjon_x;akselerasjon_y;akselerasjon_z;vinkelhastighet_x;vinkelhastighet_y;vinkelhastighet_z", "t a:m w:r", mark=";")
+add("Czech", "cas_ms;zrychleni_x;zrychleni_y;zrychleni_z;gyro_x;gyro_y;gyro_z", "tms a:g w:d", mark=";")
+add("Finnish", "aika;kiihtyvyys_x;kiihtyvyys_y;kiihtyvyys_z;kulmanopeus_x;kulmanopeus_y;kulmanopeus_z", "t a:m w:r", mark=";")
+add("lin, grav, rot", "millis;lin_ax;lin_ay;lin_az;grav_x;grav_y;grav_z;rot_x;rot_y;rot_z", "tms f:m v:m w:d", want="w", mark=";")
+add("armband", "ms,emg1,emg2,emg3,emg4,emg5,emg6,emg7,emg8,Xa,Ya,Za,Xg,Yg,Zg", "tms k k k k k k k k a:g w:d")
+add("axis first", "t,Xa,Ya,Za,Xg,Yg,Zg,Xm,Ym,Zm", "t a:m w:r m:uT")
+add("axis in the middle", "t,a_X_L,a_Y_L,a_Z_L,w_X_L,w_Y_L,w_Z_L,a_X_R,a_Y_R,a_Z_R,w_X_R,w_Y_R,w_Z_R", "t a:m w:r A:m W:r")
+add("S1 and S2 by number", "t,S1_acc_1,S1_acc_2,S1_acc_3,S1_gyr_1,S1_gyr_2,S1_gyr_3,S2_acc_1,S2_acc_2,S2_acc_3,S2_gyr_1,S2_gyr_2,S2_gyr_3", "t a:m w:r A:m W:r")
+add("hip and knee", "Time,hipax,hipay,hipaz,hipgx,hipgy,hipgz,kneeax,kneeay,kneeaz,kneegx,kneegy,kneegz", "t a:g w:d A:g W:d")
+add("pelvis with units", "Time[s],Pelvis A_x[m/s\u00b2],Pelvis A_y[m/s\u00b2],Pelvis A_z[m/s\u00b2],Pelvis W_x[\u00b0/s],Pelvis W_y[\u00b0/s],Pelvis W_z[\u00b0/s]", "t a:m w:d")
+add("AUV", "t,imu/ax,imu/ay,imu/az,imu/p,imu/q,imu/r,dvl/u,dvl/v,dvl/w", "t a:m w:r n3")
+add("DMP world", "t_ms\taworldX\taworldY\taworldZ\tgX\tgY\tgZ", "tms f:m w:d", want="w", mark="\t", file="log.txt")
+add("sec and nanosec", "sec,nanosec,gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z,frame_id", "sec nsec w:r a:m s:imu_link")
+add("biases with b_", "t,b_ax,b_ay,b_az,b_gx,b_gy,b_gz", "t b b", refuse=True)
+add("biases of a gyro with b_", "t,b_gx,b_gy,b_gz", "t b", refuse=True)
+add("errors", "t,ex,ey,ez,eax,eay,eaz,egx,egy,egz", "t n3 b b", refuse=True)
+add("sigmas", "time,sax,say,saz,sgx,sgy,sgz", "t b b", refuse=True)
+add("pose", "t,tx,ty,tz,ang_x,ang_y,ang_z", "t n3 e", refuse=True)
+add("currents", "t,ia,ib,ic,ua,ub,uc", "t n3 n3", refuse=True)
+add("sonic anemometer", "time,U_Axis,V_Axis,W_Axis,SonicTemp", "D n3 tmp", refuse=True)
+add("average of x", "t,avgx,avgy,avgz,stdx,stdy,stdz", "t n3 b", refuse=True)
+add("array of magnetometers", "t,m1x,m1y,m1z,m2x,m2y,m2z", "t m:uT M:uT")
+add("H and heading", "t;Hx;Hy;Hz;Hdg", "t m:uT p", mark=";")
+add("Fax and Fmx", "t,Fax,Fay,Faz,Fmx,Fmy,Fmz", "t a:g m:uT")
+add("gyro of a key", "uptime_ms,k1gx,k1gy,k1gz,k1ax,k1ay,k1az,k2gx,k2gy,k2gz,k2ax,k2ay,k2az", "tms w:d a:g W:d A:g")
+add("bow and fiddle", "t;bow.a.x;bow.a.y;bow.a.z;bow.g.x;bow.g.y;bow.g.z;vln.a.x;vln.a.y;vln.a.z;vln.g.x;vln.g.y;vln.g.z", "t a:g w:d A:g W:d", mark=";")
+add("sat A and B", "epoch,A_wx,A_wy,A_wz,A_bx,A_by,A_bz,B_wx,B_wy,B_wz,B_bx,B_by,B_bz", "Ts w:r m:nT W:r M:nT")
+# --- names that are alike but for a letter, of sensors and of other things
+add("arm and leg", "t,arm_ax,arm_ay,arm_az,arm_gx,arm_gy,arm_gz,leg_ax,leg_ay,leg_az,leg_gx,leg_gy,leg_gz", "t a:m w:r A:m W:r")
+add("counts of the left", "ms,Lax,Lay,Laz,Lgx,Lgy,Lgz", "tms a:c w:c", expect="counts")
+add("points a and b", "t,pax,pay,paz,pbx,pby,pbz", "t n3 n3", refuse=True)
+add("force plates", "t,LFx,LFy,LFz,LMx,LMy,LMz,RFx,RFy,RFz,RMx,RMy,RMz", "t n3 n3 n3 n3", refuse=True)
+add("front and back", "t,axf,ayf,azf,axb,ayb,azb", "t a:g A:g")
+add("x_acc_l", "t,x_acc_l,y_acc_l,z_acc_l,x_gyr_l,y_gyr_l,z_gyr_l", "t a:g w:d")
+add("axis as a word", "Time,Acc X Axis,Acc Y Axis,Acc Z Axis,Gyro X Axis,Gyro Y Axis,Gyro Z Axis", "t a:g w:d")
+add("s0 and s1", "t,s0_ax,s0_ay,s0_az,s0_gx,s0_gy,s0_gz,s1_ax,s1_ay,s1_az,s1_gx,s1_gy,s1_gz", "t a:m w:r A:m W:r")
+add("player 1", "t,p1ax,p1ay,p1az,p1gx,p1gy,p1gz,p2ax,p2ay,p2az,p2gx,p2gy,p2gz", "t a:m w:r A:m W:r")
+add("device 0", "t,d0ax,d0ay,d0az,d0gx,d0gy,d0gz,d0mx,d0my,d0mz", "t a:m w:r m:uT")
+add("node A", "ts;A_ax;A_ay;A_az;A_gx;A_gy;A_gz;B_ax;B_ay;B_az;B_gx;B_gy;B_gz", "Ts a:m w:r A:m W:r", mark=";")
+add("node G", "ts;G_ax;G_ay;G_az;G_gx;G_gy;G_gz;A_ax;A_ay;A_az;A_gx;A_gy;A_gz", "Ts a:m w:r A:m W:r", mark=";")
+add("Kalman beside raw", "t,ax,ay,az,gx,gy,gz,kax,kay,kaz,kgx,kgy,kgz", "t a:m w:r A:m W:r")
+add("jerk", "t,ax,ay,az,jx,jy,jz", "t a:m n3")
+add("rotation vector", "t,ax,ay,az,rvx,rvy,rvz", "t a:m n3")
+add("angular acceleration", "t,wx,wy,wz,alphax,alphay,alphaz", "t w:r n3")
+add("insole", "time,L_acc_x,L_acc_y,L_acc_z,L_gyro_x,L_gyro_y,L_gyro_z,L_cop_x,L_cop_y,L_force,R_acc_x,R_acc_y,R_acc_z,R_gyro_x,R_gyro_y,R_gyro_z", "t a:g w:d p p p A:g W:d")
+add("earbuds", "ts_us,lb_ax,lb_ay,lb_az,lb_gx,lb_gy,lb_gz,rb_ax,rb_ay,rb_az,rb_gx,rb_gy,rb_gz", "tus a:g w:d A:g W:d")
+add("trailer", "t,ax_t,ay_t,az_t,gx_t,gy_t,gz_t", "t a:m w:r")
+add("voltages of three axes", "t,Vx_mV,Vy_mV,Vz_mV", "t n3", refuse=True)
+add("inner and outer", "t,inner_bx,inner_by,inner_bz,outer_bx,outer_by,outer_bz", "t m:nT M:nT")
+add("tool down a hole", "time,toolGx,toolGy,toolGz,toolBx,toolBy,toolBz", "t a:g m:nT")
+add("strains", "t,exx,eyy,ezz", "t n3", refuse=True)
+add("imu.w", "ts,imu.w.x,imu.w.y,imu.w.z,imu.a.x,imu.a.y,imu.a.z", "Ts w:r a:m")
+add("body frame", "GPS_sow,fx_b,fy_b,fz_b,wx_b,wy_b,wz_b", "tow a:m w:r")
+add("thigh and shank by letter", "time,T_ax,T_ay,T_az,T_gx,T_gy,T_gz,S_ax,S_ay,S_az,S_gx,S_gy,S_gz", "t a:g w:d A:g W:d")
+add("glued with units", "t,Lax_g,Lay_g,Laz_g,Lgx_dps,Lgy_dps,Lgz_dps,Rax_g,Ray_g,Raz_g,Rgx_dps,Rgy_dps,Rgz_dps", "t a:g w:d A:g W:d")
+add("IMU1ax with units", "t,IMU1ax_mps2,IMU1ay_mps2,IMU1az_mps2,IMU1gx_radps,IMU1gy_radps,IMU1gz_radps", "t a:m w:r")
+add("upper X", "TIME,XAX,XAY,XAZ,XGX,XGY,XGZ", "t a:m w:r")
+add("device Y", "t,YAx,YAy,YAz,YGx,YGy,YGz", "t a:m w:r")
+add("rear wheel", "t,rwax,rway,rwaz,rwgx,rwgy,rwgz", "t a:m w:r")
+add("corners of a car", "t,acc_fl_x,acc_fl_y,acc_fl_z,acc_fr_x,acc_fr_y,acc_fr_z,gyr_cg_x,gyr_cg_y,gyr_cg_z", "t a:g A:g w:d")
+add("head", "t,hax,hay,haz,hgx,hgy,hgz,hmx,hmy,hmz", "t a:m w:r m:uT")
+add("helmet of words", "millis,helmetAccX,helmetAccY,helmetAccZ,helmetGyrX,helmetGyrY,helmetGyrZ,bikeAccX,bikeAccY,bikeAccZ", "tms a:g w:d A:g")
+add("lower case words", "millis,helmetaccx,helmetaccy,helmetaccz,helmetgyrx,helmetgyry,helmetgyrz", "tms a:g w:d")
+add("mag alone with a place", "t,noseBx,noseBy,noseBz,noseT", "t m:nT n:48000")
+add("linear and rate of a place", "t,headlax,headlay,headlaz,headgx,headgy,headgz", "t f:m w:r", want="w")
+add("unit vectors", "t,ux,uy,uz", "t u", refuse=True)
+add("torques and forces", "t,tx,ty,tz,fx,fy,fz,load", "t n3 n3 k", refuse=True)
+add("gyro of a foot only", "t,footgx,footgy,footgz", "t w:d")
+add("magnet of a foot only", "t,footmx,footmy,footmz", "t m:uT")
+add("three boards", "us,b1ax,b1ay,b1az,b1gx,b1gy,b1gz,b2ax,b2ay,b2az,b2gx,b2gy,b2gz,b3ax,b3ay,b3az,b3gx,b3gy,b3gz", "tus a:m w:r A:m W:r A:m W:r")
+add("g and d", "time,gax,gay,gaz,ggx,ggy,ggz,dax,day,daz,dgx,dgy,dgz", "t a:g w:d A:g W:d")
 # fmt: on
 
 
@@ -1110,7 +1272,7 @@ def judge(path, case, sig):
             more = options(said)
             if known and "units" in more:
                 more["units"] = {k: known[k] for k in more.get("units", {}) if k in known}
-            if case.get("knows") and error.code in ("columns_unclear", "no_gravity") and "columns" in more:
+            if case.get("knows") and error.code in ("columns_unclear", "no_gravity") and "columns=" in said:
                 more = case["knows"]
             new = {k: v for k, v in more.items() if given.get(k) != v}
             for k, v in new.items():

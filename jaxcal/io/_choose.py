@@ -18,7 +18,7 @@ from ._names import OTHERS, Name, bracketed, foreign, is_counter, is_other, pars
 from ._profiles import ROS2_IMU, matching
 from ._triples import ODDS, Triple, file_kind, triples_of, weigh_values
 
-HOW = Message("say which is which, by number or name, for example {option.columns:time=0,gyro=1:3,accel=4:6}")
+HOW = Message("say which is which, by number or name, as in {option.columns:time=...,gyro=...,accel=...}")
 #: words that suggest a sensor in the name of a column
 _LIKE = re.compile(r"gyr|angular|omega|rotrate|rotation(?!vector)|acc|mag(?:n|_|$|[xyz])|compass", re.IGNORECASE)
 #: words for values that were processed after the sensor
@@ -69,7 +69,7 @@ def select(table: Any, columns: Columns, wanted: str | None = None) -> Selection
     said = [name for name, one in zip(names, read, strict=True) if name and not name.isdecimal() and (one is None or one.kind != "time")]
     named = (any(name.lower() not in AXES for name in said) or 0 < len(said) < 6) and not all(map(_SILENT.fullmatch, said))
     triples = triples_of(table, full, known, wanted) if named else []
-    _by_odds(table, columns, found, triples)
+    several = _by_odds(table, columns, found, triples)
     if set(explicit) - {"time"}:
         found.columns = {}
     for quantity, indices in explicit.items():
@@ -91,7 +91,7 @@ def select(table: Any, columns: Columns, wanted: str | None = None) -> Selection
             raise
         found.findings.append(READ("mixed", why=error))  # the columns were named, so that this is no more than a warning
     if not set(explicit) - {"time"}:
-        _tell_unused(table, found, triples)
+        _tell_doubts(table, found, triples, several)
     return found
 
 
@@ -136,11 +136,12 @@ def _present(table: Any, index: int) -> bool:
     return is_number(table, index) and (table.columns[index].dtype.kind != "f" or bool(np.isfinite(table.columns[index]).any()))
 
 
-def _by_odds(table: Any, columns: Columns, found: Selection, triples: list[Triple]) -> None:
-    """Assign each sensor to the columns with the best odds for it, or to single axes by their names."""
+def _by_odds(table: Any, columns: Columns, found: Selection, triples: list[Triple]) -> dict[str, list[Triple]]:
+    """Assign each sensor to the columns with the best odds for it, or to single axes by their names; the best, if others are like them."""
     # of several, those of a whole name, then unprocessed ones, which noise analysis and calibration need
     whole = [one for one in triples if any(_present(table, i) for i in one.columns)] or triples
     filtered = [bool(_FILTERED.search(" ".join(table.names[i] for i in one.columns))) for one in whole]
+    several: dict[str, list[Triple]] = {}
     for sensor in [name for name in SENSORS if name not in columns]:
         ranked = [k for k, one in enumerate(whole) if one.kind == sensor]
         ranked.sort(key=lambda k: (filtered[k], -round(whole[k].odds[sensor])))
@@ -159,19 +160,14 @@ def _by_odds(table: Any, columns: Columns, found: Selection, triples: list[Tripl
             found.names[i] = found.names[i] or Name(sensor, axis, first.units.get(sensor))
         others = [one for one in others if one.odds[sensor] > first.odds[sensor] - ODDS["several"] and not one.increments]
         if others:
-            shown = [",".join(table.names[i] for i in one.columns) for one in others[:4]]
-            names = ",".join(table.names[i] for i in first.columns)
-            facts: dict[str, Any] = {"names": names, "others": "; ".join(shown), "quantity": sensor, "first": shown[0]}
-            found.findings.append(READ("several_columns", (sensor,), 0.0, None, **facts))
-    for sensor in found.unsure:
-        names = ", ".join(table.names[i] for i in found.columns[sensor])
-        found.findings.append(READ("roles", (sensor,), which=f"{sensor} is {names}", given=_option(found.columns)))
+            several[sensor] = [first, *others[:4]]
     found.gravity_free = [i for one in triples if one.kind == "linear" for i in one.columns if _present(table, i)]
     temperatures = [i for i, one in enumerate(found.names) if one is not None and one.kind == "temperature" and _present(table, i)]
     if temperatures and "temperature" not in columns:
         found.columns["temperature"] = temperatures[:1]
         if (one := found.names[temperatures[0]]) is not None and one.unit:
             found.units["temperature"] = one.unit
+    return several
 
 
 def _by_axis(table: Any, found: Selection, sensor: str, taken: set[int], whole: set[str]) -> None:
@@ -200,7 +196,7 @@ def _unclear_names(table: Any, found: Selection, triples: list[Triple]) -> DataE
     if found.gravity_free:
         said = "{names} hold acceleration without gravity (linear or free), which is no specific force, and no other sensor is in the table"
         how = "; to read it all the same: {option.columns:{given}} {option.units:accel=m/s^2}"
-        facts = {"names": ", ".join(names[i] for i in found.gravity_free[:3]), "given": _option({"accel": found.gravity_free[:3]})}
+        facts = {"names": ", ".join(names[i] for i in found.gravity_free[:3]), "given": option({"accel": found.gravity_free[:3]})}
         return DataError(Message(said + how, **facts), code="gravity_free")
     likely = [one for one in triples if not one.kind and one.odds[one.likely] > 0] or [one for one in triples if one.kind != "other"]
     refuse_mixed(table, {one.likely: one.columns for one in likely})
@@ -211,12 +207,10 @@ def _unclear_names(table: Any, found: Selection, triples: list[Triple]) -> DataE
         held = f"the columns {listing(names, count)} hold attitudes, places, speeds or states of a filter"
         return DataError(f"{held}; no inertial sensor is among them: log its readings themselves", code="no_sensor")
     why = f"the columns {listing(names, count)} do not say which sensor they hold"
-    if not likely:
-        return unclear(why)
-    return unclear(why, given=_option({one.likely: one.columns for one in likely}))
+    return unclear(why, given=option({one.likely: one.columns for one in likely[::-1]}))
 
 
-def _option(columns: dict[str, list[int]]) -> str:
+def option(columns: dict[str, list[int]]) -> str:
     """Columns by quantity as the option `columns` takes them."""
     return ",".join(f"{name}={','.join(map(str, indices))}" for name, indices in columns.items())
 
@@ -254,17 +248,19 @@ def _by_position(table: Any, columns: Columns, found: Selection, wanted: str | N
             raise unclear(f"{listed}: column {one.columns[flat.index(True)]} never changes, as no axis of a sensor does")
         one.odds = dict.fromkeys(SENSORS, 0.0) | {"linear": 0.0, "other": 0.0}
         weigh_values(one, table, wanted, nameless=True)
-    roles = _joint(triples, table)
+    roles, second = _joint(triples, table)
     of = {role: one.columns for role, one in zip(roles, triples, strict=True)}
     if not triples[0].why:
         which = ", ".join(f"{role} is {indices[0]}-{indices[-1]}" for role, indices in of.items())
-        found.findings.append(READ("roles", which=which, given=_option(of)))
+        found.findings.append(
+            READ("roles", which=which, given=option({role: one.columns for role, one in zip(second, triples, strict=True)}))
+        )
     found.why |= {role: why for role, one in zip(roles, triples, strict=True) if (why := one.why.get(role))}
     found.columns |= ({"time": time} if time else {}) | of
 
 
-def _joint(triples: list[Triple], table: Any) -> tuple[str, ...]:
-    """The sensors of columns without names, each sensor once: those with the best odds together; an error if others are nearly as good."""
+def _joint(triples: list[Triple], table: Any) -> list[tuple[str, ...]]:
+    """The sensors of columns without names, each sensor once: the best two by their odds together; an error if these are nearly equal."""
     totals = {
         roles: sum(one.odds[role] for one, role in zip(triples, roles, strict=True))
         for roles in itertools.permutations(SENSORS, len(triples))
@@ -275,9 +271,9 @@ def _joint(triples: list[Triple], table: Any) -> tuple[str, ...]:
         values = [np.column_stack([table.columns[i] for i in one.columns]) for one in triples]
         whole = ", whole numbers that look like raw counts," if all(map(all_integer, values)) else ""
         why = f"their values{whole} do not show gravity, a field and rates clearly enough"
-        given = _option({role: one.columns for role, one in zip(best, triples, strict=True)})
+        given = option({role: one.columns for role, one in zip(best, triples, strict=True)})
         raise unclear(f"{listing(table.names, len(table.columns))}: {why}", "no_gravity" if len(triples) > 1 else "counts", given)
-    return best
+    return [best, second]
 
 
 def increasing(values: np.ndarray) -> bool:
@@ -285,11 +281,21 @@ def increasing(values: np.ndarray) -> bool:
     return values.dtype.kind in "iufM" and len(values) > 1 and bool(np.mean(values[1:] > values[:-1]) >= 0.95)
 
 
-def _tell_unused(table: Any, found: Selection, triples: list[Triple]) -> None:
-    """Report columns that look like those of a sensor but are not read."""
+def _tell_doubts(table: Any, found: Selection, triples: list[Triple], several: dict[str, list[Triple]]) -> None:
+    """Report of which columns the choice is in doubt, and which look like those of a sensor but are not read."""
+    for sensor, ones in several.items():
+        names, *shown = (",".join(table.names[i] for i in one.columns) for one in ones)
+        given = option(found.columns | {sensor: ones[1].columns})
+        found.findings.append(READ("several_columns", (sensor,), 0.0, None, names=names, others="; ".join(shown), given=given))
+    for sensor in found.unsure:
+        names = ", ".join(table.names[i] for i in found.columns[sensor])
+        odds = next(one.odds for one in triples if one.columns == found.columns[sensor])
+        other = max((kind for kind in SENSORS if kind != sensor), key=lambda kind: (kind not in found.columns, odds[kind]))
+        given = {kind: indices for kind, indices in found.columns.items() if kind != sensor} | {other: found.columns[sensor]}
+        found.findings.append(READ("roles", (sensor,), which=f"{sensor} is {names}", given=option(given)))
     used = {i for indices in found.columns.values() for i in indices}
-    missing = {sensor for sensor in SENSORS if sensor not in found.columns}
-    doubtful = [one for one in triples if not used & set(one.columns) and not one.kind and one.likely in missing]
+    missing = [sensor for sensor in SENSORS if sensor not in found.columns]
+    doubtful = [one for one in triples if not used & set(one.columns) and not one.kind and {one.likely, "gyro"} & set(missing)]
     strange = [
         i for i, name in enumerate(table.names)
         if i not in used and found.names[i] is None and not (_NOT_LIKE.search(name) or is_counter(name))
@@ -302,6 +308,7 @@ def _tell_unused(table: Any, found: Selection, triples: list[Triple]) -> None:
         raise unclear(f"the columns {shown} look like those of a sensor, but which axis of which is not understood")
     if strange:
         likely = doubtful or [Triple(strange[:3], odds=dict.fromkeys(missing or SENSORS, 0.0))]
-        found.findings.append(READ("strange", columns=shown, first=_option(found.columns | {x.likely: x.columns for x in likely[::-1]})))
+        more = {one.likely if one.likely in missing else "gyro": one.columns for one in likely[::-1]}
+        found.findings.append(READ("strange", columns=shown, first=option(found.columns | more)))
     if found.gravity_free and "accel" not in found.columns:
         found.findings.append(READ("gravity_free", "accel", columns=", ".join(table.names[i] for i in found.gravity_free[:3])))

@@ -13,25 +13,13 @@ import numpy as np
 from .._answer import Finding
 from .._errors import DataError
 from .._message import Message
+from . import _stamps
 from ._choose import Selection, increasing, numbers_of
 from ._columns import listing, scale
 from ._findings import READ
 from ._names import is_counter, is_other, parse, plain
 from ._readers._bounds import PIECE
-from ._stamps import (
-    DAY,
-    SECONDS,
-    USUAL,
-    Clock,
-    fraction_size,
-    from_date_digits,
-    from_digits,
-    is_fraction,
-    of_day,
-    since_midnight,
-    together,
-    unit_by_step,
-)
+from ._stamps import Clock
 
 #: sizes of counters of 16, 31 and 32 bits, by which a clock jumps back when its counter wraps
 _WRAPS = (2.0**16, 2.0**31, 2.0**32)
@@ -124,12 +112,12 @@ def _candidates(table, found: Selection, wanted: list[int] | None) -> list[list[
     dates = [i for i, column in enumerate(table.columns) if column.dtype.kind == "M" and i not in table.days]
     sets = [[i] for i in dict.fromkeys([*named, *dates, *sorted(table.clocks)]) if _varies(table, i)]
     whole = next((i for i in named if (one := found.names[i]) is not None and one.unit == "s" and i not in table.clocks), None)
-    parts = {i: SECONDS[one.unit] for i in named if (one := found.names[i]) is not None and one.unit in ("ms", "us", "ns")}
-    pairs = [[j, i] for i, size in parts.items() for (j,) in sets if j not in parts and is_fraction(table, j, i, size)]
+    parts = {i: _stamps.SECONDS[one.unit] for i in named if (one := found.names[i]) is not None and one.unit in ("ms", "us", "ns")}
+    pairs = [[j, i] for i, size in parts.items() for (j,) in sets if j not in parts and _stamps.is_fraction(table, j, i, size)]
     if fraction:
         pairs = [] if whole is None else [[whole, fraction[0]]]
     day = [[min(table.days), min(table.clocks)]] if table.days and table.clocks else []
-    for joined in (*pairs[:1], *day, *filter(None, [of_day(table)])):
+    for joined in (*pairs[:1], *day, *filter(None, [_stamps.of_day(table)])):
         sets = [joined, *(one for one in sets if not set(one) & set(joined))]
     if wanted is not None and wanted not in sets:
         sets.insert(0, wanted)
@@ -179,10 +167,8 @@ def _counts_rows(table, indices: list[int], stated: str | None) -> bool:
     steps = steps[np.isfinite(steps)]
     if not len(steps) or not np.all(column[:1000][np.isfinite(column[:1000])] % 1 == 0):
         return False
-    name = table.names[indices[0]]
-    if any(table.names) and is_counter(name):
-        return bool(np.median(steps) <= 16)
-    return bool(np.mean(steps == 1) > 0.95)
+    counter = any(table.names) and is_counter(table.names[indices[0]])
+    return bool(np.median(steps) <= 16 if counter else np.mean(steps == 1) > 0.95)
 
 
 def reading_of(
@@ -191,19 +177,19 @@ def reading_of(
     """Time stamps of columns. Whole numbers become relative to the first, so that no digit is lost; dates and decimals stay as they are."""
     columns = [numbers_of(table, i, dates=True) for i in indices]
     if len(indices) > 2:
-        return together(table, indices, [3600.0, 60.0, 1.0, fraction_size(table.names[indices[-1]])][: len(indices)])
+        return _stamps.together(table, indices, [3600.0, 60.0, 1.0, _stamps.fraction_size(table.names[indices[-1]])][: len(indices)])
     if len(indices) == 2:
-        part = 1.0 if indices[1] in table.clocks else SECONDS.get(_named_unit(table, found, indices[1:]) or "", 1e-9)
-        return together(table, indices, [1.0, part])
+        part = 1.0 if indices[1] in table.clocks else _stamps.SECONDS.get(_named_unit(table, found, indices[1:]) or "", 1e-9)
+        return _stamps.together(table, indices, [1.0, part])
     (column,), (index,) = columns, indices
     if column.dtype.kind == "M":
         return Clock(indices, column, "date", "dates")
     if index in table.clocks:
-        return Clock(indices, since_midnight(column), "time of day", "times of day")
-    if not explicit and (dates := from_date_digits(column)) is not None:
+        return Clock(indices, _stamps.since_midnight(column), "time of day", "times of day")
+    if not explicit and (dates := _stamps.from_date_digits(column)) is not None:
         return Clock(indices, dates, "date", "dates, written as digits")
-    if stated is None and rate is None and (digits := from_digits(column)) is not None:
-        return Clock(indices, since_midnight(digits), "time of day", "times of day, written as digits")
+    if stated is None and rate is None and (digits := _stamps.from_digits(column)) is not None:
+        return Clock(indices, _stamps.since_midnight(digits), "time of day", "times of day, written as digits")
     if stated == "sampletimefine":
         steps = np.diff(column)
         step = float(np.median(steps[steps > 0])) if np.any(steps > 0) else np.nan
@@ -213,7 +199,7 @@ def reading_of(
         other = {"s": "ms", "ms": "s", "us": "ms", "ns": "us"}.get(stated, "s")
         guess = (stated, "" if explicit else "from the name", other, True)
     else:
-        guess = unit_by_step(column, index in table.integer, rate, USUAL[what])
+        guess = _stamps.unit_by_step(column, index in table.integer, rate, _stamps.USUAL[what])
     unit, reason, other, sure = guess
     factor, offset = scale(unit, "time")
     epoch = 0
@@ -234,8 +220,8 @@ def _compare(table, best: Clock, other: Clock, found: Selection) -> Clock:
     if abs(ratio - 1.0) < 0.02 + coarse:
         return dataclasses.replace(best, reason=f"{best.reason}; agrees with {shown[1]}", sure=best.sure or other.sure)
     if other.sure and not best.sure:
-        for unit, seconds in SECONDS.items():
-            if abs(ratio * seconds / SECONDS.get(best.unit, np.nan) - 1.0) < 0.02 + coarse:
+        for unit, seconds in _stamps.SECONDS.items():
+            if abs(ratio * seconds / _stamps.SECONDS.get(best.unit, np.nan) - 1.0) < 0.02 + coarse:
                 again = reading_of(table, best.columns, unit, None, found, explicit=False)
                 return dataclasses.replace(again, reason=f"agrees with {shown[1]}", sure=True)
     if best.sure and other.sure:
@@ -253,9 +239,10 @@ def refuse_restarts(clock: Clock) -> None:
     if not len(back) or not np.isfinite(period):
         return
     drops = seconds[back] - seconds[back + 1]
-    unit = SECONDS.get(clock.unit, 1e-4 if clock.unit == "1e-4 s" else 1.0)
+    unit = _stamps.SECONDS.get(clock.unit, 1e-4 if clock.unit == "1e-4 s" else 1.0)
     span = float(np.ptp(seconds[np.isfinite(seconds)]))
-    wraps = np.array([wrap for wrap in (*(size * tick for size in _WRAPS for tick in (unit, 1e-9, 1e-6, 1e-3)), DAY) if wrap > 20 * period])
+    wraps = np.array([*(size * tick for size in _WRAPS for tick in (unit, 1e-9, 1e-6, 1e-3)), _stamps.DAY])
+    wraps = wraps[wraps > 20 * period]
     long = drops > max(0.2 * span, 50 * period)
     restarts = []
     for at, drop in zip(back[long].tolist()[:1000], drops[long].tolist(), strict=False):
@@ -276,7 +263,7 @@ def check_rate(clock: Clock, stated: tuple[float, str] | None, found: list[Findi
     rate = 1.0 / clock.period if clock.period else np.nan
     if not np.isfinite(rate):
         return
-    if rate > USUAL["highest"] and clock.unit in SECONDS and clock.unit != "ns":
+    if rate > _stamps.USUAL["highest"] and clock.unit in _stamps.SECONDS and clock.unit != "ns":
         raise _wrong_unit("the clock {names} in {unit} ({why}) would be {rate:.4g} Hz, which no recording has", clock, names, rate)
     mean = 1.0 / clock.mean if clock.mean else rate
     if stated is not None and min(abs(rate / stated[0] - 1), abs(mean / stated[0] - 1)) > 0.1:
@@ -293,7 +280,7 @@ def check_rate(clock: Clock, stated: tuple[float, str] | None, found: list[Findi
 def _wrong_unit(said: str, clock: Clock, names: str, rate: float, **more: Any) -> DataError:
     """Error for a clock whose rate is impossible, or contradicts the one that is stated."""
     remedy = ": its unit is wrong; give it with {option.units:time={other}}, or {option.rate} and {option.columns:time=none}"
-    facts = {"names": names, "unit": clock.unit, "why": clock.reason or "as given", "rate": rate, "other": clock.other, **more}
+    facts = {"names": names, "unit": clock.unit, "why": clock.reason or "as given", "rate": rate, "other": clock.other or "s", **more}
     return DataError(Message(said + remedy, **facts), code="time_unit")
 
 

@@ -38,8 +38,8 @@ class Turning:
     @property
     def unit(self) -> str | None:
         """Unit of the gyroscope if the slope fits one, else None."""
-        found = [unit for unit, size in (("rad/s", 1.0), ("deg/s", np.radians(1.0))) if 0.25 < abs(self.slope) / size < 4.0]
-        return found[0] if found else None
+        units = (("rad/s", 1.0), ("deg/s", np.radians(1.0)))
+        return next((unit for unit, size in units if 0.25 < abs(self.slope) / size < 4.0), None)
 
 
 def thinned(values: np.ndarray) -> np.ndarray:
@@ -156,9 +156,7 @@ def step_unit(sensor: str, values: np.ndarray) -> tuple[str, str] | None:
 
 def counts_hint(sensor: str, values: np.ndarray) -> str | None:
     """Size of one count of an accelerometer if the magnitude of its raw counts fits a common sensor, else None."""
-    if sensor != "accel" or values.shape[1] != 3:
-        return None
-    norm = median_norm(values)
+    norm = median_norm(values) if sensor == "accel" and values.shape[1] == 3 else np.nan
     return next((f"{size:.6g} g" for size in _COUNTS["accel"] if 0.93 < norm * size < 1.07), None)
 
 

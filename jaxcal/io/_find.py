@@ -90,8 +90,7 @@ def sensor_files(files: list[pathlib.Path]) -> list[pathlib.Path]:
             kept.append(file)
         if kind in SENSORS:
             found.setdefault(kind, []).append(re.sub(_VARIANT, "", file.name.lower()))
-    twice = any(len(set(names)) > 1 for names in found.values())
-    return [] if twice or len(files) < 2 or not found else kept
+    return [] if len(files) < 2 or not found or any(len(set(names)) > 1 for names in found.values()) else kept
 
 
 def _names_sensors(file: pathlib.Path) -> bool:

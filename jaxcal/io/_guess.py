@@ -76,10 +76,8 @@ def accel_unit(values: np.ndarray, stated: str | None, where: str, period: float
     """Unit of an accelerometer, whose values must include gravity."""
     norm, whole = _evidence.median_norm(values), values.shape[1] == 3
     seen = f"median norm {norm:.4g}"
-    if whole and abs(norm - 1.0) < 1e-3 and _evidence.normalised(values) is not None and float(np.ptp(_evidence.norms(values))) < 1e-4:
-        # even noise would make the magnitudes differ, so these are normalised vectors
-        reason = "every vector has the length 1; uncertain, normalised vectors are no specific force"
-        return Guess(stated or "g", reason, "m/s^2", False)
+    if whole and directions(values):
+        return Guess(stated or "g", "every vector has the length 1; uncertain, normalised vectors are no specific force", "m/s^2", False)
     if stated is None:
         stays = _evidence.gravity_stays(values, period) if whole else np.nan
         if whole and stays < 0.45:
@@ -99,6 +97,12 @@ def accel_unit(values: np.ndarray, stated: str | None, where: str, period: float
         raise _gravity_free(stated, seen, stays)
     but = f"its {seen} would be {force:.3g} times gravity, and that in no unit: correct the file"
     raise _contradicts("accel", stated, where, but, f"{1 / norm:.4g} g")
+
+
+def directions(values: np.ndarray) -> bool:
+    """Whether vectors turn and all have the length 1, which noise would change: these are directions, and no measurements."""
+    length = _evidence.normalised(values)
+    return length is not None and abs(length - 1.0) < 1e-3 and float(np.ptp(_evidence.norms(values))) < 1e-4
 
 
 def _gravity_free(stated: str, seen: str, stays: float) -> UnitDoubtError:
@@ -237,8 +241,7 @@ def temperature_unit(values: np.ndarray, stated: str | None, where: str) -> Gues
     median = float(np.nanmedian(values))
     low, high = _STATED["temperature"]
     if stated is not None:
-        found = find_unit(stated, "temperature")
-        if found and not low <= float(to_si(median, found, "temperature")) <= high:
+        if (found := find_unit(stated, "temperature")) and not low <= float(to_si(median, found, "temperature")) <= high:
             raise _contradicts("temperature", stated, where, f"its median {median:.4g} is none that a sensor has", "...")
         return Guess(stated, where, stated)
     if low <= median <= high:

@@ -28,7 +28,7 @@ def _words(text: str) -> frozenset[str]:
 _WORDS = {
     "gyro": (
         "g|gy|gyr|gyro|gyros|gyroscope|gyroscopes|gyroskop|giroscopio|giroscopo|gyrorotation|gyrorotationrate|gyroscoperotationrate|"
-        "w|omega|"
+        "w|omega|om|"
         "angular|angularvelocity|angvelocity|angvel|angularvel|angularrate|angrate|anglerate|angularspeed|rate|rates|rotationrate|rotrate|"
         "rotationspeed|turnrate|rateofturn|drehrate|drehgeschwindigkeit|winkelgeschwindigkeit|vitesseangulaire|velocidadangular|"
         "hoeksnelheid|jiroskop|zyroskop|gyroskooppi|kulmanopeus|predkosckatowa|acsalhz|vinkelhastighet|"
@@ -104,7 +104,7 @@ _ORIGINS = _words(
 
 
 #: words that change the meaning of a sensor's name
-_CHANGING = _words(
+CHANGING = _words(
     "bias biases offset off std stdev stddev var variance cov covariance sigma rms error err true truth ref reference gt groundtruth est "
     "estimate estimated mean median max min peak target desired cmd command setpoint world earth nav global ned enu delta d dt integral "
     "integrated free linear lin user dynamic gravity grav jerk diff pos position vel velocity quat euler angle angles temp temperature "
@@ -221,7 +221,7 @@ _RISES = _words(
 )
 
 
-_QUATERNION = _words("qw qx qy qz q0 q1 q2 q3 rx ry rz vx vy vz px py pz ve vn vu vd pn pe bgx bgy bgz bax bay baz")
+_QUATERNION = _words("qw qx qy qz q0 q1 q2 q3 vx vy vz px py pz ve vn vu vd pn pe bgx bgy bgz bax bay baz")
 
 
 def is_other(name: str) -> bool:
@@ -232,7 +232,7 @@ def is_other(name: str) -> bool:
     return (
         known
         or bool(re.match("b_?[wag]_", name.lower()))
-        or not words.isdisjoint(_KINDS["attitude"] | _KINDS["motion"] | _RISES | _CHANGING | _QUATERNION)
+        or not words.isdisjoint(_KINDS["attitude"] | _KINDS["motion"] | _RISES | CHANGING | _QUATERNION)
     )
 
 
@@ -252,12 +252,10 @@ def parse(name: str) -> Name | None:
                     break
                 return Name(found.kind, axis, found.unit or unit_in(inside, found.kind))
     # for x, y, z with a unit, the unit determines the sensor
-    bare = "".join(_cut(name)[0])
-    bare = bare.removesuffix("axis").removeprefix("axis")
-    if bare in tuple(AXES) and inside:
-        for kind in ("gyro", "accel", "mag"):
-            if unit := unit_of(inside, kind):
-                return Name("accel or linear" if kind == "accel" else kind, bare, unit)
+    bare = "".join(_cut(name)[0]).removesuffix("axis").removeprefix("axis")
+    for kind in ("gyro", "accel", "mag") if bare in tuple(AXES) and inside else ():
+        if unit := unit_of(inside or "", kind):
+            return Name("accel or linear" if kind == "accel" else kind, bare, unit)
     return Name("counter") if is_counter(name) and name else None
 
 
@@ -292,12 +290,12 @@ def placed(words: list[str], axes: Sequence[str] = AXES) -> Iterator[tuple[str, 
         if word in axes:
             yield AXES[axes.index(word)], [*words[:i], *words[i + 1 :]]
     for i, word in enumerate(words if axes == AXES else ()):
-        if match := re.fullmatch(r"(.*)([xyz])(\d?)", word):  # accx, accx1, x1
+        if match := re.fullmatch(r"(.*)([xyz])(\d|[a-z]?)", word):  # accx, accx1, x1, axl
             yield match[2], [*words[:i], *filter(None, (match[1], match[3])), *words[i + 1 :]]
         if match := re.fullmatch(
-            "([xyz])(?![agm][xyz]$)([bsv]|..+)", word
-        ):  # xaccel, or xb in the frame of the body, the sensor or the vehicle
-            yield match[1], [*words[:i], *filter(lambda rest: len(rest) > 1, match.groups()[1:]), *words[i + 1 :]]
+            "([xyz])(?![agm][xyz]$)(?:[bsv]|([agmw]|..+))", word
+        ):  # xaccel, or xb in the frame of the body, the sensor or the vehicle; xa means something beside xg only
+            yield match[1], [*words[:i], *(rest.rjust(2, "_") for rest in match.groups()[1:] if rest), *words[i + 1 :]]
 
 
 def described(words: list[str]) -> Name | None:
@@ -313,15 +311,15 @@ def described(words: list[str]) -> Name | None:
         for start in range(len(words) - size + 1):
             dropped = [*words[:start], *words[start + size :]]
             kind = _kind(words[start : start + size])
-            if kind not in (None, *OTHERS) and not any(word in _CHANGING or _known(word) not in (None, kind) for word in dropped):
+            if kind not in (None, *OTHERS) and not any(word in CHANGING or kind_of(word) not in (None, kind) for word in dropped):
                 return Name(kind, sure=False)
-    if any(_known(word) in OTHERS for word in words):
+    if any(kind_of(word) in OTHERS for word in words) and not any(kind_of(word) in _MEASURED for word in words):
         return Name("motion", sure=False)
     right = [next(iter(difflib.get_close_matches(word, _LONG, 1, 0.9)), word) if len(word) in _SPELLED else word for word in words]
     return described(right) if right != words else None  # with long words as they are spelled
 
 
-def _known(word: str) -> str | None:
+def kind_of(word: str) -> str | None:
     """The kind that a word denotes, or None."""
     return next((kind for kind, known in _KINDS.items() if word in known), None)
 
@@ -338,7 +336,7 @@ def _kind(words: list[str]) -> str | None:
     for candidate in ([word for word in bare if word not in _ORIGINS] or bare, bare):
         joined = "".join(candidate)
         # field_x_G is a field in gauss, not a gyroscope in the field of a message
-        if (kind := _known(joined)) and not (joined in ("g", "m") and "field" in bare):
+        if (kind := kind_of(joined)) and not (joined in ("g", "m") and "field" in bare):
             return kind
     return None
 

@@ -119,11 +119,9 @@ def matching(names: list[str], preamble: str, file: str) -> tuple[Profile | None
     """The first profile that fits a table, and the meanings of the columns by it."""
     low = [name.strip().lower() for name in names]
     for profile in PROFILES:
-        if not all(any(re.fullmatch(need, name) for name in low) for need in profile.needs):
-            continue
-        if profile.preamble and not re.search(profile.preamble, preamble, re.IGNORECASE):
-            continue
-        if profile.file and not re.fullmatch(profile.file, file, re.IGNORECASE):
+        named = all(any(re.fullmatch(need, name) for name in low) for need in profile.needs)
+        placed = named and re.search(profile.preamble, preamble, re.IGNORECASE)
+        if not (placed and re.fullmatch(profile.file or "(?s:.*)", file, re.IGNORECASE)):
             continue
         sizes = {kind: f"{number:.9g} {unit}" for kind, number, unit in _sizes(profile, preamble)}
         found: dict[int, Name] = {}

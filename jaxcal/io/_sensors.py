@@ -66,7 +66,7 @@ def read_sensors(tables: Mapping[str, Callable[[], Signals]]) -> Signals:
         raise DataError(joined_messages([Message("{file}: {why}", file=file, why=why) for file, why in refused]), code="no_sensor")
     signals.findings += [READ("file_not_read", file=file, why=why) for file, why in refused]
     stated = dict(signals.units)
-    join(parts, {}, signals)
+    join(parts, {}, signals, topics=False)
     signals.units |= stated
     signals.findings.append(READ("joined", count=len({part.source for part in parts}), which="one for each sensor"))
     return signals

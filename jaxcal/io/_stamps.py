@@ -34,7 +34,7 @@ class Clock:
     time: np.ndarray
     unit: str
     reason: str = ""
-    other: str = "s"
+    other: str = ""
     sure: bool = True
     epoch_ns: int = 0
 
@@ -88,7 +88,7 @@ def together(table, indices: list[int], sizes: list[float]) -> Clock:
     if of_day:
         return Clock(indices, since_midnight(first * sizes[0] + later), "time of day", "times of day in columns of their own")
     begin, small = first[known][0], next((unit for unit, one in SECONDS.items() if one == sizes[1]), "ns")
-    return Clock(indices, first.astype(np.float64) - begin + later, f"s + {small}", f"s and {small}", "s", True, int(begin) * 10**9)
+    return Clock(indices, first.astype(np.float64) - begin + later, f"s + {small}", f"s and {small}", epoch_ns=int(begin) * 10**9)
 
 
 def of_day(table) -> list[int] | None:
@@ -126,13 +126,11 @@ def since_midnight(clock: np.ndarray) -> np.ndarray:
 def is_fraction(table, whole: int, part: int, size: float) -> bool:
     """Whether a column counts fractions of a second, and returns to zero when another column begins a new second."""
     column, seconds = table.columns[part], table.columns[whole]
-    if column.dtype.kind not in "iuf" or part in table.clocks or not np.isfinite(column).all():
+    if column.dtype.kind not in "iuf" or seconds.dtype.kind not in "Miuf" or part in table.clocks or not np.isfinite(column).all():
         return False
     if column.min() < 0 or not 0.5 < column.max() * size < 1.0:
         return False
     falls = np.diff(column.astype(np.float64)) * size < -0.5
-    if seconds.dtype.kind not in "Miuf":
-        return False
     steps = np.diff(seconds) / np.timedelta64(1, "s") if seconds.dtype.kind == "M" else np.diff(seconds.astype(np.float64))
     return bool(falls.any() and np.mean((steps[falls] == 1.0) | (steps[falls] == -59.0)) > 0.9 and np.mean(steps[~falls] == 0.0) > 0.9)
 
@@ -197,16 +195,14 @@ def unit_by_step(stamps: np.ndarray, integer: bool, rate: float | int | None, us
         period, length, since = step * size, step * size * len(seen), offset * size
         if not first <= start <= last:
             continue
-        points = -min(0.34 * np.log10(usual * period) ** 2, 4.0) - 10.0 * (
-            period * USUAL["highest"] < 1
-        )  # a decade from the usual rate is rarer by two
+        points = -min(0.34 * np.log10(usual * period) ** 2, 4.0)  # a decade from the usual rate is rarer by two
+        points -= 10.0 * (period * USUAL["highest"] < 1)
         points -= 0.3 * max(0.0, np.log10(10 / length), np.log10(length / DAY))
         if who:
             points += 3.0
         elif since > 0:
             points -= 0.7 * max(0.0, np.log10(0.1 / since), np.log10(since / (30 * DAY)))
-        if unit == "s" and not integer and not who:
-            points += 1.5 * whole
+        points += 1.5 * (whole and unit == "s" and not integer and not who)
         if rate is not None:
             points += 20.0 * (min(abs(1 / period / rate - 1), abs(1 / (mean * size) / rate - 1)) < 0.05)
         found.append((points - 5.0 * (stray and size < 1e-4), unit, who))
@@ -217,11 +213,8 @@ def unit_by_step(stamps: np.ndarray, integer: bool, rate: float | int | None, us
         return unit, f"{reason}: agrees with a rate of {rate:g} Hz", other, True
     if who:
         reason = f"starts at {start:.6g}, as time {who} does"
-    if points - other_points < _SURE:
-        return unit, f"{reason}; uncertain, could be {other}", other, False
-    if integer and step < 4 and not who:
-        return unit, f"{reason}; uncertain, could be a counter", other, False
-    return unit, reason, other, True
+    doubt = other if points - other_points < _SURE else "a counter" if integer and step < 4 and not who else ""
+    return unit, reason + f"; uncertain, could be {doubt}" * bool(doubt), other, not doubt
 
 
 def _loop_of_ticks(stamps: np.ndarray, rising: np.ndarray) -> bool:

@@ -102,9 +102,8 @@ def _moving(command: str, found: _Motion, name: str) -> str:
 
 def ranked(log: Log, name: str) -> tuple[Suitability, ...]:
     """Every command for a log called `name`, those that suit first, and of these the one that uses most of the log."""
-    found = []
-    for command, suits, reason, more in _judged(log):
-        found.append(Suitability(f"jaxcal {command}", suits, reason, f"jaxcal {command} {shlex.quote(name)}{more}"))
+    quoted = shlex.quote(name)
+    found = [Suitability(f"jaxcal {what}", suits, why, f"jaxcal {what} {quoted}{more}") for what, suits, why, more in _judged(log)]
     return tuple(sorted(found, key=lambda one: not one.suits))
 
 
@@ -127,9 +126,8 @@ def _judged(log: Log) -> Iterator[tuple[str, bool, str, str]]:
     whole = {name: (values := getattr(log, name)) is not None and values.shape[1] == 3 for name in SENSORS}
     three = all(whole.values())
     yield "device", three and turned and not at_rest, reason if three else "it needs accelerometer, gyroscope and magnetometer", ""
-    reason = f"{poses} attitude{'s' * (poses != 1)} at rest; it needs {_POSES}"
-    reason = reason if whole["accel"] else "it needs an accelerometer of three axes"
-    yield "imu", poses >= _POSES, reason, ""
+    found = f"{poses} attitude{'s' * (poses != 1)} at rest; it needs {_POSES}"
+    yield "imu", poses >= _POSES, found if whole["accel"] else "it needs an accelerometer of three axes", ""
     yield "mag", turned, "no magnetometer" if log.mag is None else f"the field is seen from {'all' if turned else 'few'} sides", ""
     span = 0.0 if log.temperature is None else float(np.nanmax(log.temperature) - np.nanmin(log.temperature))
     warm = f"the temperature moves by {span:.3g} degC; it needs {_SPAN:g} at rest" if log.temperature is not None else "no temperature"

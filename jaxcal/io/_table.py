@@ -12,7 +12,7 @@ from .._message import Message, joined_messages, printable
 from .._quality import all_finite
 from .._units import si_unit
 from . import _guess
-from ._choose import HOW, numbers_of, select
+from ._choose import HOW, numbers_of, option, select
 from ._clock import OF_NAME, check_rate, clock_of, label_of, newest_first, no_clock, refuse_restarts, stated_rate
 from ._columns import SENSORS, Columns, listing, scale
 from ._evidence import Turning
@@ -178,7 +178,7 @@ def tell(
         where = f"column{'s' * (len(indices) > 1)} {_spelled(indices, '-', ', ')}" + (f" ({', '.join(known)})" if known else "")
         facts: dict[str, Any] = {"where": where, "unit": {"date": "dates"}.get(unit, unit), "quantity": name, "columns": numbers}
         why = f" ({reason})" if reason and reason != "dates" else ""
-        code = ("stated" if reason.startswith("from ") else "read_as") if sure else "assumed"
+        code = ("stated" if reason.startswith("from ") or not other else "read_as") if sure else "assumed"
         signals.findings.append(READ(code, name, **facts, why=why, other=other or unit))
 
 
@@ -263,8 +263,9 @@ def _units(
             if stated is None:
                 _refuse_unknown_unit(name, first)
                 if name == "gyro" and (like := _guess.keeps_length(values[name])):
-                    said = "{like}: name them with {option.columns:accel={at}}, or read them all the same with {option.units:gyro=deg/s}"
-                    raise DataError(Message(said, like=like, at=_spelled(found.columns[name], ":", ",")), code="accel_as_gyro")
+                    said = "{like}: name them with {option.columns:{given}}, or read them all the same with {option.units:gyro=deg/s}"
+                    rest = {one: columns for one, columns in found.columns.items() if one != "gyro"}
+                    raise DataError(Message(said, like=like, given=option({"accel": found.columns[name]} | rest)), code="accel_as_gyro")
             guesses[name] = _unit(name, values[name], stated, where, period, turns, name in units, signals.findings)
         except DataError as error:
             unsure = name == "mag" or getattr(error, "code", "") == "gravity_free" or name in found.unsure

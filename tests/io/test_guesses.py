@@ -108,8 +108,7 @@ def turns(rate=100.0):
     rng = np.random.default_rng(3)
     gyro, accel, down = [], [], np.array([0.0, 0.0, 1.0])
     for axis in (None, 0, None, 1, None):
-        n = int(2 * rate) if axis is not None else int(4 * rate)
-        for _ in range(n):
+        for _ in range(int(2 * rate) if axis is not None else int(4 * rate)):
             w = np.zeros(3)
             if axis is not None:
                 w[axis] = np.pi / 4
@@ -145,12 +144,8 @@ def test_the_field_behind_hard_iron_tells_the_unit_of_the_magnetometer(unit, siz
 
 @pytest.mark.parametrize(
     ("name", "values"),
-    [
-        ("accel", np.round(16384 * (STILL + Z))),
-        ("accel", STILL + 3.0),
-        ("gyro", np.round(300 * STILL + 20)),
-        ("mag", np.round(1000 * directions())),
-    ],
+    [("accel", np.round(16384 * (STILL + Z))), ("accel", STILL + 3.0), ("gyro", np.round(300 * STILL + 20)),
+     ("mag", np.round(1000 * directions()))],
 )  # fmt: skip
 def test_counts_and_values_of_unknown_size_are_asked_about(name, values, guess, refuses):
     with refuses("unit_unknown"):
@@ -191,6 +186,23 @@ def test_triples_are_told_apart_by_their_norm(order, at, still, save):
 def test_columns_that_do_not_say_which_they_are_are_asked_about(width, names, code, still, save, refuses):
     with refuses(code):
         read(save(np.column_stack([still.time, np.tile(still.gyro, (1, 3))[:, :width]]), names), quiet=True)
+
+
+def test_names_alike_but_for_a_letter_are_those_of_one_device_unless_they_hold_biases(still, save, refuses):
+    names = ["t", *(f"X{sensor}{axis}" for sensor in "gam" for axis in "xyz")]
+    values = np.column_stack([still.time, still.gyro, still.accel, 48.0 + still.gyro])
+    log = read(save(values, names), quiet=True)
+    np.testing.assert_allclose(log.gyro, still.gyro, rtol=1e-8)
+    assert log.provenance["columns"] == {"time": [0], "gyro": [1, 2, 3], "accel": [4, 5, 6], "mag": [7, 8, 9]}
+    with refuses("columns_unclear"):
+        read(save(np.column_stack([still.time, 0.1 * still.gyro, 0.2 * still.gyro]), names[:7]), quiet=True)
+
+
+def test_what_is_suggested_for_a_guess_from_the_values_changes_it(still, save):
+    path = save(np.column_stack([still.time, still.accel]), ["t", "foo_x", "foo_y", "foo_z"])
+    given = next(one for one in read(path, quiet=True).findings if one.code == "roles").facts["given"]
+    assert given == "gyro=1,2,3"
+    assert "roles" not in read(path, columns=given, units="gyro=deg/s", quiet=True).codes
 
 
 def test_a_rising_column_of_unknown_name_is_time(still, save):

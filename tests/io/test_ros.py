@@ -181,13 +181,7 @@ def test_a_recording_cut_off_is_an_error(storage, share, still, write_bag):
 
 @pytest.mark.parametrize(
     "text",
-    [
-        "",
-        "a: [b\n",
-        "!!python/object/apply:os.system ['true']\n",
-        "rosbag2_bagfile_information: 3\n",
-        "rosbag2_bagfile_information: {version: 99}\n",
-    ],
+    ["", "a: [b\n", "!!python/object/apply:os.system ['true']\n", *(f"rosbag2_bagfile_information: {x}\n" for x in ("3", "{version: 99}"))],
 )
 def test_a_damaged_description_is_an_error(text, still, write_bag, refuses):
     path = write_bag("mcap", {"/imu": ("Imu", ns(), imu(still))})
@@ -198,10 +192,7 @@ def test_a_damaged_description_is_an_error(text, still, write_bag, refuses):
 
 @pytest.mark.parametrize(
     ("change", "said"),
-    [
-        (lambda content: bytes(content) + bytes(8), "324 bytes, 316 expected"),
-        (lambda content: bytes(content)[:200], "200 bytes, too few for its type"),
-    ],
+    [(lambda it: bytes(it) + bytes(8), "324 bytes, 316 expected"), (lambda it: bytes(it)[:200], "200 bytes, too few for its type")],
 )
 def test_a_message_of_the_wrong_length_is_an_error(change, said, still, write_bag, refuses):
     with refuses("damaged"):

@@ -269,7 +269,7 @@ def test_the_first_of_two_sensors_wins_and_the_other_is_told(still, save, findin
     log = read(save(text), quiet=True)
     np.testing.assert_allclose(log.gyro, still.gyro, rtol=1e-11)
     assert finding(log, "several_columns").facts["names"] == "gyro_x,gyro_y,gyro_z"
-    assert finding(log, "several_columns").facts["first"] == "gyr_x,gyr_y,gyr_z"
+    assert finding(log, "several_columns").facts["others"] == "gyr_x,gyr_y,gyr_z"
     assert finding(log, "not_read").facts["what"] == "columns gyro2_x, gyr_x, gyr_y, gyr_z"
 
 

@@ -173,8 +173,7 @@ def _taken_apart(line: str) -> tuple[tuple[str, ...], list[str]]:
     match = _TIME.match(line) or _ESP.match(line)
     first = [re.sub(",(?=.*[.,])|,(?=\\d+$)", lambda mark: "." * ("." not in match[1]), match[1])] if match else []
     rest = line[match.end() :] if match else line
-    words, end = [], 0
-    numbers = []
+    words, numbers, end = [], [], 0
     for one in _NUMBER.finditer(rest):
         words.append(" ".join(rest[end : one.start()].split()))
         numbers.append(one[0])

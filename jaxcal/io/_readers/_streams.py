@@ -101,11 +101,11 @@ def imus_of(labels: list[str], chosen: list[str]) -> list[str]:
     return [",".join(one for name in names if (one := f"{name}:{number}") in labels) for number in numbers]
 
 
-def join(parts: list[Part], units: dict[str, str], signals: Signals) -> None:
+def join(parts: list[Part], units: dict[str, str], signals: Signals, topics: bool = True) -> None:
     """Convert all sensors to SI and put them on the time stamps of the sensor with most samples.
 
     A temperature is interpolated; other sensors keep their own time stamps. `units` from the caller override those of the parts. The
-    result is stored in `signals`, with a note on each sensor that had other time stamps.
+    result is stored in `signals`, with a note on each sensor that had other time stamps. `topics` tells whether parts can be chosen.
     """
     names = [part.name for part in parts]
     twice = sorted({name for name in names if names.count(name) > 1})
@@ -120,8 +120,8 @@ def join(parts: list[Part], units: dict[str, str], signals: Signals) -> None:
     for part in parts:
         unit = signals.units[part.name] = units.get(part.name) or part.unit
         why = "as given" if part.name in units else "as the format prescribes"
-        option = Message("{option.topics:{source}} {option.units:{name}={unit}}", source=part.source, name=part.name, unit=unit)
-        signals.choices.append(Choice(part.name, (part.source,), unit, why, True, option))
+        said, facts = "{option.topics:{source}} " * topics + "{option.units:{name}={unit}}", {"source": part.source, "name": part.name}
+        signals.choices.append(Choice(part.name, (part.source,), unit, why, True, Message(said, unit=unit, **facts)))
         factor, offset = scale(unit, part.name)
         values = np.asfortranarray(part.values) * factor + offset
         if part.stamps is main.stamps or np.array_equal(part.stamps, main.stamps):
@@ -135,8 +135,9 @@ def join(parts: list[Part], units: dict[str, str], signals: Signals) -> None:
             signals.findings.append(READ("left_out", part.source, why=why, quantity=part.name))
         else:
             signals.sensors[part.name] = values
+            how = Message(": {option.topics:{source}}" * topics, source=part.source)
             signals.own_time[part.name] = (part.stamps - main.stamps[0]) * 1e-9
-            signals.findings.append(READ("own_stamps", part.name, source=part.source, main=main.source))
+            signals.findings.append(READ("own_stamps", part.name, source=part.source, main=main.source, how=how))
 
 
 def _unplaced(stamps: np.ndarray) -> Any:

@@ -265,9 +265,7 @@ def split(line: str, delimiter: str) -> list[str]:
     """Split a line into fields; " " splits at any white space; quoted fields are not split."""
     if delimiter == " ":
         return [field.strip('"') for field in line.split()]
-    if '"' not in line:
-        return line.split(delimiter)
-    return next(csv.reader([line], delimiter=delimiter), [])
+    return next(csv.reader([line], delimiter=delimiter), []) if '"' in line else line.split(delimiter)
 
 
 def _is_comment(line: str) -> bool:
@@ -288,8 +286,7 @@ def _effective(row: list[str]) -> int:
 
 def _is_data(row: list[str]) -> bool:
     filled = [field.strip() for field in row if field.strip() not in MISSING]
-    numbers = sum(map(bool, map(_ANY.fullmatch, filled)))
-    return numbers >= max(1, len(filled) / 2)
+    return sum(map(bool, map(_ANY.fullmatch, filled))) >= max(1, len(filled) / 2)
 
 
 def _kind(fields: list[str]) -> str:
