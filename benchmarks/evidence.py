@@ -14,6 +14,7 @@ dead: one dead axis: what the other axes lose.
 coarse: an accelerometer in steps of 15 mg: how often `imu` answers, and whether clipping is claimed.
 resampled: readings of 250 Hz, copied or interpolated to 400 Hz, and noise of a filter: how often it is named.
 rests: rests of a turntable, whatever its rate, noise and steps of the values: how many tables have all of theirs.
+aside: sensors that are moved for some of the time: N, B and K of the rest beside the truth, by the share that is set aside.
 real: the logs of JAXCAL_REFERENCE with the evidence as found, and with nothing set aside: each number's change over its error.
 cost: seconds of the stage and of the commands.
 
@@ -431,6 +432,47 @@ def rests(runs: int) -> None:
     print("  ", {kind: count for (kind, same), count in found.items() if not same})
 
 
+def handled(seed: int, rate: float = 50.0, seconds: float = 600.0, n: float = 1.4e-4) -> np.ndarray:
+    """A gyroscope with noise n that is moved for 2 to 90 % of the time, in 1 to 8 pieces, with 3 to 10,000 times its noise; 0.1 to 1 Hz."""
+    rng = np.random.default_rng([seed, 77])
+    y = noise(rng, int(seconds * rate), rate, n=n)
+    share, pieces, t = np.exp(rng.uniform(np.log(0.02), np.log(0.9))), int(rng.integers(1, 9)), np.arange(len(y)) / rate
+    cuts = np.sort(rng.uniform(0, 1 - share, pieces)) * seconds + share * seconds * np.arange(pieces) / pieces
+    size = n * np.sqrt(rate) * np.exp(rng.uniform(np.log(3.0), np.log(1e4)))
+    for start in cuts:
+        inside = (t >= start) & (t < start + share * seconds / pieces)
+        phase = 2 * np.pi * (np.exp(rng.uniform(np.log(0.1), 0.0, 4)) * t[inside, None] + rng.uniform(size=4))
+        y[inside, 2] += size * np.sin(phase).sum(axis=1) / np.sqrt(2)
+    return y[:, 2:]
+
+
+def aside(runs: int) -> None:
+    """Coefficients of what is left of a sensor that was moved, by the share that is set aside."""
+    rows, n = [], 1.4e-4
+    for seed in range(runs):
+        log = jaxcal.Log(None, gyro=handled(seed), rate=50.0).cleaned(still=True)
+        share = sum(one.facts["percent"] for one in log.findings if one.code == "set_aside")
+        try:
+            found = jaxcal.noise.characterise(log)
+        except jaxcal.JaxcalError:
+            rows.append((share, np.nan, np.nan, False, False))
+            continue
+        off = max(abs(float(one.noise.N) - n) / np.ptp(one.interval["N"]) * 2 * 1.96 for one in found.values())
+        held = np.mean([one.interval["N"][0] <= n <= one.interval["N"][1] for one in found.values()])
+        other = {code for one in found.values() for code in {f.code for f in one.findings if f.severity > 0}} - {"set_aside"}
+        rows.append((share, off, held, found.verdict == "good", bool(other)))
+    rows = np.array(rows)
+    print("aside: set aside, %; records; refused; N held, %; N off by over 3 errors; good; of the others, weak for the share alone")
+    for low, high in itertools.pairwise((-1.0, 5.0, 10.0, 20.0, 30.0, 50.0, 100.0)):
+        part = rows[(rows[:, 0] > low) & (rows[:, 0] <= high)]
+        if not len(part):
+            continue
+        seen = part[np.isfinite(part[:, 1])]
+        alone = np.sum((seen[:, 3] == 0) & (seen[:, 4] == 0))
+        print(f"  {max(low, 0):.0f} to {high:.0f}: {len(part)}, {len(part) - len(seen)}, {100 * seen[:, 2].sum() / max(len(seen), 1):.0f}, "
+              f"{np.sum(seen[:, 1] > 3.07)}, {int(seen[:, 3].sum())}, {alone}")  # fmt: skip
+
+
 def real_logs():
     """Name, command and log of every real log with an IMU or a magnetometer that suits a command."""
     root = pathlib.Path(os.environ["JAXCAL_REFERENCE"], "data")
@@ -525,7 +567,7 @@ def cost(_: int) -> None:
 
 
 PARTS = {"alarms": alarms, "knocks": knocks, "noise": noise_of_knocks, "uneven": uneven, "stamps": stamps, "held": held, "bands": bands,
-         "dead": dead, "coarse": coarse, "resampled": resampling, "rests": rests, "real": real, "cost": cost}  # fmt: skip
+         "dead": dead, "coarse": coarse, "resampled": resampling, "rests": rests, "aside": aside, "real": real, "cost": cost}  # fmt: skip
 
 
 def main() -> None:

@@ -86,6 +86,12 @@ FINDINGS = table(
         "Take 24 poses, each from the same side, and rest longer.",
         limits=(3.0,),  # times: 3 of 100 plain recordings of 12 poses, 2 of 100 of 24, and 91 of 100 with a creep of 0.05 % in 12 poses
     ),
+    memory_open=Kind(
+        NOTE, "The {what} cannot exclude {term} of up to {size:.2g}, which would move the matrix by {matrix}, and a number by {ratio:.0f} "
+        "stated errors.",
+        "Take more poses, each from the same side, and rest longer.",
+        limits=(3.0,),  # stated errors, which the largest of 24 errors seldom exceeds
+    ),
     lack_drift=Kind(
         CAUTION, "The {what} show {term} of {size:.2g} in all, which moves the matrix by {matrix}; the intervals include it.",
         "Let the sensor warm up first, or add the drift with {option.terms:auto}."

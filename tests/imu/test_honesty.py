@@ -38,7 +38,7 @@ def test_a_linear_sensor_is_good_and_in_its_intervals(base):
         ("quadratic", "lack_accel", "a quadratic term"), ("asymmetry", "lack_accel", "an asymmetry of sign"),
         ("gyro cubic", "lack_gyro", "a cubic term"), ("warm-up", "lack_drift", "drift"), ("9 poses", "few_poses", ""),
         ("quadratic, 12", "lack_accel", "a quadratic term"), ("creep 0.1 %", "lack_accel", "a creep"),
-        ("hysteresis", "lack_memory", "a hysteresis"), ("jump", "lack_step", ""), ("creep 0.05 %, 12", "memory_possible", "a creep"),
+        ("hysteresis", "lack_memory", "a hysteresis"), ("jump", "lack_step", ""),
     ],
 )  # fmt: skip
 def test_what_the_model_lacks_is_named(case, code, words):
@@ -46,6 +46,20 @@ def test_what_the_model_lacks_is_named(case, code, words):
     assert found.verdict == "weak"
     assert np.mean(cases.inside(found, truth)[:9][found.estimate.error[:9] > 0]) > 0.8
     assert words in next(one for one in found.findings if one.code == code).facts.get("term", "")
+
+
+@pytest.mark.long
+def test_a_creep_that_twelve_poses_hardly_show_is_named_or_its_limit_is_told():
+    """100 other recordings each: 3 plain ones are called weak for it, 91 with a creep of 0.05 % are; see benchmarks/lacking.py."""
+    said = {"12 poses": [], "creep 0.05 %, 12": []}
+    for case in said:
+        for seed in range(12):
+            found = {one.code: one for one in calibrated(seed, case)[0].findings}
+            said[case].append("memory_possible" in found)
+            if case != "12 poses" and not said[case][-1]:
+                assert found["memory_open"].facts["size"].value > 0.05e-2 * world.GRAVITY
+    # more than 2 of 12 have a probability of 0.5 %, fewer than 8 of 12 of 0.1 %
+    assert (sum(said["12 poses"]) <= 2, sum(said["creep 0.05 %, 12"]) >= 8) == (True, True)
 
 
 @pytest.mark.long
