@@ -15,8 +15,7 @@ from .._precision import host_float64, is_traced
 from .._quality import checked_rate
 from .._types import AnyArray, Numbers, Samples
 from ._model import Noise
-from ._observed import Observed
-from ._ordinates import bins_of
+from ._observed import Observed, bins_of
 from ._solve import solve
 from ._terms import BUILT_IN
 
@@ -151,7 +150,6 @@ def likelihood_of(spectrum: Any, noise: Noise, dt: float) -> LogLikelihood:
     """Log-likelihood of the bins that a fit used. Lines and causes are left out, and `base` holds the effect of a filter."""
     used = np.asarray(spectrum.used) & (np.asarray(spectrum.edf) > 0)
     columns = {name: np.where(used, np.asarray(column), 0.0) for name, column in spectrum.columns.items()}
-    nothing = np.zeros(len(used))
-    found = LogLikelihood(spectrum.frequency, spectrum.density, np.where(used, spectrum.edf, 0.0), columns, nothing, dt)
+    found = LogLikelihood(spectrum.frequency, spectrum.density, np.where(used, spectrum.edf, 0.0), columns, np.zeros(len(used)), dt)
     rest = np.asarray(spectrum.model) - found.expected(noise)
     return dataclasses.replace(found, base=np.where(used, rest, 0.0))

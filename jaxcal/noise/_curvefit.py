@@ -17,6 +17,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # loads its parts when they are first used
 
 from .._errors import DataError, FitError
 from .._frozen import replaced
@@ -26,8 +27,7 @@ from ..allan import Deviation
 from ..allan._uncertainty._edf import interval_factors
 from ._covariance import covariance_tensor
 from ._findings import FINDINGS, of_model
-from ._likelihood import chance, inverse, nonnegative
-from ._limits import Limits, levels_of
+from ._likelihood import Limits, chance, inverse, levels_of
 from ._record import Asked, Record
 from ._result import NoiseFit, assemble, with_edf
 from ._terms import Term
@@ -136,19 +136,13 @@ def _freedom(used: AnyArray, theta: AnyArray) -> float:
     return max(float(np.sum(used) - np.sum(theta != 0.0)), 1.0)
 
 
-def _least(rows: AnyArray, target: AnyArray) -> AnyArray:
-    """Non-negative least squares."""
-    p = rows.shape[1]
-    return nonnegative(rows.T @ rows, rows.T @ target, np.zeros(p, dtype=bool), np.ones(p, dtype=bool))[0]
-
-
 def _fixed_point(data: _Curve, used: AnyArray) -> tuple[AnyArray, AnyArray, float, bool]:
     """Coefficients, covariance and misfit at the fixed point of the weights, and whether it was reached."""
-    theta = _least(data.columns[used] / data.v[used, None], np.ones(np.sum(used)))
+    theta = scipy.optimize.nnls(data.columns[used] / data.v[used, None], np.ones(np.sum(used)))[0]
     settled = False
     for _ in range(_STEPS):
         _, rows, target = _chi_square(data, used, theta)
-        new = _least(rows, target)
+        new = scipy.optimize.nnls(rows, target)[0]
         before, after = data.columns[used] @ theta, data.columns[used] @ new
         # half steps, because whole ones may oscillate; the last is whole, so that coefficients that tend to zero become zero
         settled = bool(np.max(np.abs(after - before) / np.abs(after)) < _SETTLED)
@@ -166,11 +160,11 @@ def _logarithmic(data: _Curve, used: AnyArray) -> AnyArray:
     def cost_of(theta: AnyArray) -> float:
         return float(np.sum(np.log(np.maximum(columns @ theta, np.finfo(float).tiny) / v) ** 2))
 
-    theta = _least(columns / v[:, None], np.ones(len(v)))
+    theta = scipy.optimize.nnls(columns / v[:, None], np.ones(len(v)))[0]
     cost = cost_of(theta)
     for _ in range(_STEPS):
         model = columns @ theta
-        wanted, step = _least(columns / model[:, None], np.log(v / model) + 1.0), 1.0
+        wanted, step = scipy.optimize.nnls(columns / model[:, None], np.log(v / model) + 1.0)[0], 1.0
         while (new := cost_of(theta + step * (wanted - theta))) > cost and step > _SETTLED:
             step *= 0.5
         if new > cost:

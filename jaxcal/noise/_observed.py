@@ -1,8 +1,18 @@
-r"""The likelihood of the observed samples of a record with gaps and regressors in the mean.
+r"""From the samples of a record, with gaps and regressors in the mean, to DCT-II ordinates that are averaged in bins.
 
-Under the DCT-Whittle model a complete record x is normal with precision Q = D' diag(dt / S_k) D, where D is the orthonormal DCT-II and
-the mean is free. The observations are y = x + X b at the samples that are not missing. Let z be the expectation of x given y at the
-generalised least squares estimate of b, and
+With y the orthonormal DCT-II of n samples, P_k = dt y_k^2 estimates the two-sided density at f_k = k/(2T), k = 1 .. n-1. The mean
+does not enter, there is almost no leakage, and the ordinates are nearly independent. For a process with (generalised) autocovariance g,
+
+.. math:: E\,P_k = dt\Big\{g_0 + \frac2n\sum_{h=1}^{n-1} g_h\Big[(n-h)\cos\frac{\pi k h}{n}
+          - \frac{\sin(\pi k h/n)}{\sin(\pi k/n)}\Big]\Big\}
+
+With s_k = 2 sin(pi k/2n) this is exactly K^2 dt^2/s_k^2 for a random walk, and nearly B^2 dt/s_k (1 - 2/(pi^2 k)) for flicker. The
+expectation is linear in the squared coefficients. If density and columns are averaged in the same way, over bins, the averages therefore
+obey the same relation exactly.
+
+*Gaps and regressors.* Under the DCT-Whittle model a complete record x is normal with precision Q = D' diag(dt / S_k) D, where D is the
+orthonormal DCT-II and the mean is free. The observations are y = x + X b at the samples that are not missing. Let z be the expectation of
+x given y at the generalised least squares estimate of b, and
 
 .. math:: \rho_k = 1 - \frac{\mathrm{Var}[(Dx)_k \mid y]}{S_k/dt} - h_k
 
@@ -14,14 +24,20 @@ J. R. Stat. Soc. B 39, 1977). The weights count the information of each ordinate
 """
 
 import copy
-from typing import Any
+import functools
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._arrays import runs
 from .._errors import DataError
-from ._ordinates import Bins, layout
+from .._types import AnyArray, Array
+from ..spectrum._average import log_groups
 from ._terms import Term
 
 #: seed of the draws that estimate the conditional variance, so that a record always gives the same numbers; least number of samples in all
@@ -35,6 +51,56 @@ _LEAST, _FEWEST, _NOTHING = 0.02, 16, 1e-6
 #: share of missing samples, and gaps over the root of the samples, up to which a draw about the mean of the neighbours fills gaps: it
 #: moves no coefficient by a tenth of its error; neighbours on either side of a gap, beside as many as the gap has samples
 _FEW, _GAPS, _NEIGHBOURS = 0.02, 0.03, 24
+
+
+class Bins(NamedTuple):
+    """Ordinates of a channel, or of channels (channels, bins) of the same bins, averaged in bins of frequency.
+
+    density : mean ordinate divided by `unit`, (channels,), which is in the unit of B squared per Hz. weight : number of ordinates, which
+    are the degrees of freedom; 0 for bins that are left out. columns : (bins, p) expected mean ordinate per squared coefficient.
+    frequency : (bins,) mean frequency in Hz.
+    """
+
+    density: AnyArray
+    weight: AnyArray
+    unit: Any
+    columns: AnyArray
+    frequency: AnyArray
+
+    def of(self, rows: Any) -> "Bins":
+        """The bins of some channels."""
+        return Bins._make((*(values[rows] for values in self[:3]), *self[3:]))
+
+
+def beside(channels: Sequence[Bins]) -> Bins:
+    """The bins of channels of one length, in one table."""
+    return Bins._make((*map(np.array, zip(*(one[:3] for one in channels), strict=True)), *channels[0][3:]))
+
+
+@functools.lru_cache(maxsize=256)
+def layout(n: int, dt: float, terms: tuple[Term, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """First ordinate, count, columns (bins, p) and mean frequency of the bins of a gap-free stretch of n samples."""
+    starts, count = log_groups(n - 1, keep_tail=True)
+    count = count.astype(float)
+    with jax.ensure_compile_time_eval():  # the columns do not depend on the record
+        expected = [np.asarray(term.ordinates(np.arange(1, n), n, dt)) for term in terms]
+    columns = np.stack([np.add.reduceat(values, starts) / count for values in expected], axis=1)
+    frequency = np.add.reduceat(np.arange(1.0, n), starts) / count / (2.0 * n * dt)
+    for array in (starts, count, columns, frequency):
+        array.flags.writeable = False
+    return starts, count, columns, frequency
+
+
+def bins_of(y: Array, dt: float, terms: tuple[Term, ...]) -> Bins:
+    """Bins of a traced record (n,), which has no gaps, with a column for each term."""
+    starts, count, columns, frequency = layout(y.shape[0], dt, terms)
+    y = eqx.error_if(y, jnp.any(jnp.isnan(y)), "a traced record must not have gaps; cut it into gap-free stretches before tracing")
+    ordinates = dt * jax.scipy.fft.dct(y - jnp.mean(y), norm="ortho")[1:] ** 2
+    group = np.repeat(np.arange(len(starts)), count.astype(int))
+    found = jax.ops.segment_sum(ordinates, group, len(starts), indices_are_sorted=True) / count.astype(y.dtype)
+    unit = jax.lax.stop_gradient(jnp.mean(found))
+    count, columns, frequency = (np.asarray(array, dtype=found.dtype) for array in (count, columns, frequency))
+    return Bins(found / unit, count, unit, columns, frequency)
 
 
 def dct(x: np.ndarray) -> np.ndarray:

@@ -1,7 +1,7 @@
 """`NoiseFit`: noise coefficients with their uncertainty; how estimators make one; and `NoiseFits`, those of the channels of a log."""
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -17,9 +17,10 @@ from ..allan import Deviation
 from ..allan._uncertainty._edf import interval_factors
 from ..fitting._estimate import NamedMatrix
 from ._binned import LogLikelihood, likelihood_of
-from ._limits import HINT, PRESENT, Limits
+from ._likelihood import HINT, PRESENT, Limits
 from ._model import Noise, noise_of
 from ._sections import SENSORS, headline_of, sections_of
+from ._solve import FILTER, LINE, Solved
 from ._terms import Term
 
 
@@ -64,10 +65,8 @@ class NoiseFit(Result):
 
     Attributes
     ----------
-    noise : fitted `Noise`, in SI units. If Gauss-Markov processes or another power law explain the slow noise better than B and K
-        alone, the model also has these terms (in `noise.markov` or `noise.further`), and a finding names them.
-    terms : names of the fitted terms, in the order of `covariance`. The process of the letter "markov" is not among them, but has an
-        entry "markov" in the tables below. Terms that the fit added by itself are only in `noise`.
+    noise : fitted `Noise`, in SI units, with the spectral lines that were found as sinusoids.
+    terms : names of the fitted terms, in the order of `covariance`. Lines, which the fit adds by itself, are only in `noise`.
     interval : term -> (low, high) at level `confidence`, in the unit of the coefficient. The low end is 0 if zero cannot be excluded.
     upper_limit : term -> one-sided upper limit at level `confidence`. It is shown in place of a term that is not detected.
     presence : term -> "present", "hint" or "not detected". A term is only a hint, with a finding, if other noise explains the record
@@ -226,6 +225,18 @@ _NUMBERS = ("interval", "upper_limit", "significance", "covariance", "goodness",
 _EACH = ("spectrum", "events")  # fields that are tuples over the channels
 
 
+def spectra_of(solved: Solved) -> list[FittedSpectrum]:
+    """Bins of each record and the model there. Bins without an ordinate and those of spectral lines are left out."""
+    bins, names = solved.bins, solved.names
+    kept, used = (bins.weight > 0) & (bins.density > 0) & (solved.lines < LINE), solved.weight > 0
+    level, model = bins.density * bins.unit[:, None], solved.level * bins.unit[:, None]
+    return [
+        made(FittedSpectrum, frequency=bins.frequency[here], density=level[i, here], model=model[i, here], edf=bins.weight[i, here],
+             used=used[i, here], columns={name: bins.columns[here, k] for k, name in enumerate(names) if name != FILTER})
+        for i, here in enumerate(kept)
+    ]  # fmt: skip
+
+
 def stacked(fits: list[NoiseFit]) -> NoiseFit:
     """Join the fits of the channels of one record into one result, channels last."""
     first, curves = fits[0], [fit.deviation for fit in fits]
@@ -266,11 +277,13 @@ def _joined(trees: list[Any], name: str = "") -> Any:
 
 
 def assemble(
-    theta, spread, limits: Limits | None, terms: tuple[Term, ...], curve: Any, duration: float, *, sinusoid=(), xp: Any = np, **others
+    theta, spread, limits: Limits | None, terms: tuple[Term, ...], curve: Any, duration: float, *, sinusoid=(),
+    hints: Sequence[str] = (), xp: Any = np, **others,
 ) -> NoiseFit:  # fmt: skip
     """Make a `NoiseFit` from squared coefficients in the order of `terms`, their covariance and their limits, all in SI units.
 
-    Without limits (None) the tables stay empty. `xp` is the module of the arrays. `others` are further fields of the result.
+    Without limits (None) the tables stay empty. Terms among `hints` are hints at most. `xp` is the module of the arrays. `others` are
+    further fields of the result.
     """
     names, positive = tuple(term.name for term in terms), theta > 0.0
     guarded = xp.where(positive, theta, 1.0)  # keeps the derivative of the root finite where the coefficient is zero
@@ -286,6 +299,7 @@ def assemble(
             xp.where(positive, duration * (relative / 0.1) ** 2, xp.inf),
         )
         tables = {name: dict(zip(names, values, strict=False)) for name, values in zip(tables, columns, strict=True)}
+        tables["presence"] |= dict.fromkeys(hints, "hint")
     noise, matrix = noise_of(terms, list(value), sinusoid), made(NamedMatrix, names=names, array=spread)
     return made(NoiseFit, noise=noise, covariance=matrix, deviation=curve, duration=duration, terms=names, **tables, **others)
 

@@ -110,7 +110,7 @@ def sections_of(fits: Mapping[str, Any]) -> list[Section]:
 
 def rows_of(axes: Mapping[str, Any], sensor: str) -> list[tuple[str, tuple[Number, ...]]]:
     """A row for each term."""
-    names = dict.fromkeys(term for fit in axes.values() for term in (*fit.terms, *fit.presence))
+    names = dict.fromkeys(term for fit in axes.values() for term in fit.terms)
     label = {term: f"{'M' if term == 'markov' else term}  {name_of(term, sensor)}" for term in names}
     return [(label[term], tuple(number_of(fit, term, _prefix(name)) for name, fit in axes.items())) for term in names]
 
@@ -135,9 +135,8 @@ def _prefix(name: str) -> str:
 
 
 def _coefficients(sensor: str, axes: Mapping[str, Any]) -> Grid:
-    rows: list[Any] = rows_of(axes, sensor)
-    fits = list(axes.items())
-    if all(fit.noise.markov and "markov" in fit.presence for _, fit in fits):
+    rows, fits = list[Any](rows_of(axes, sensor)), list(axes.items())
+    if all("markov" in fit.terms for _, fit in fits):
         times = (Number(f"{_prefix(name)}markov_time", float(np.asarray(fit.noise.markov[0][1])), quantity="time") for name, fit in fits)
         rows.append(("  time  of correlation", tuple(times)))
     if all(fit.deviation is not None for _, fit in fits):
@@ -148,13 +147,8 @@ def _coefficients(sensor: str, axes: Mapping[str, Any]) -> Grid:
             rows += [(f"{tau:g} s  deviation", cells)] if any(cells) else []
     # what no axis determines is among the details
     rows = [row for row in rows if not _all_open(row)]
-    return Grid(
-        sensor or "noise",
-        SENSORS.get(sensor, "noise"),
-        columns_of(axes, sensor),
-        tuple(rows),
-        note=_filter_line(_for_filters(sensor, axes)),
-    )
+    title, note = SENSORS.get(sensor, "noise"), _filter_line(_for_filters(sensor, axes))
+    return Grid(sensor or "noise", title, columns_of(axes, sensor), tuple(rows), note=note)
 
 
 def _all_open(row: tuple[str, tuple[Number | None, ...]]) -> bool:
@@ -201,9 +195,8 @@ def _details(sensor: str, axes: Mapping[str, Any]) -> Grid:
         longer = row(f"record for {term} to 10 %", f"{term}.longer_record", lambda fit, t=term: fit.longer_record.get(t, math.inf))
         rows += [longer] if any(longer[1]) else []
     rows += [one for one in rows_of(axes, sensor) if _all_open(one)]
-    return Grid(
-        f"{sensor or 'noise'}_fit", f"fit of the {SENSORS.get(sensor, 'noise')}", columns_of(axes, sensor), tuple(rows), detail=True
-    )
+    title = f"fit of the {SENSORS.get(sensor, 'noise')}"
+    return Grid(f"{sensor or 'noise'}_fit", title, columns_of(axes, sensor), tuple(rows), detail=True)
 
 
 def _curve(name: str, fit: Any) -> Curve:

@@ -18,9 +18,8 @@ from .._errors import DataError
 from .._types import AnyArray, Array
 from ..fitting import solve
 from ..fitting._implicit import implicit
-from ._likelihood import FAINT
-from ._limits import Limits, levels_of
-from ._ordinates import bins_of
+from ._likelihood import FAINT, Limits, levels_of
+from ._observed import bins_of
 from ._record import Asked
 from ._result import NoiseFit, assemble
 from ._solve import inside

@@ -9,8 +9,7 @@ import scipy.optimize
 
 from jaxcal.noise import GaussMarkov, Noise
 from jaxcal.noise._likelihood import nonnegative
-from jaxcal.noise._observed import Observed
-from jaxcal.noise._ordinates import bins_of
+from jaxcal.noise._observed import Observed, bins_of
 
 DT = 0.02
 NAMES = ("Q", "N", "B", "K")
