@@ -300,8 +300,10 @@ def _at_its_instant(change: Change, records: Sequence[AnyArray], dt: float, size
 
 def _padded(designs: Sequence[AnyArray]) -> AnyArray:
     """Designs (ordinates, columns) in one table, with columns of zeros where they have fewer."""
-    most = max(design.shape[1] for design in designs)
-    return np.stack([np.pad(one, ((0, 0), (0, most - one.shape[1]))) for one in designs])
+    found = np.zeros((len(designs), len(designs[0]), max(design.shape[1] for design in designs)))
+    for own, design in zip(found, designs, strict=True):
+        own[:, : design.shape[1]] = design
+    return found
 
 
 def _residuals(records: AnyArray, held: AnyArray, densities: AnyArray) -> AnyArray:
