@@ -37,6 +37,8 @@ def chi_square_tail(value: Any, freedom: Any) -> np.ndarray | np.float64:
 
 def _each(function: Any, *arguments: Any) -> Any:
     """A function of numbers for each element; `numpy.vectorize` warns where an element is not a number."""
+    if all(isinstance(argument, (int, float)) for argument in arguments):
+        return np.float64(function(*map(float, arguments)))
     arrays = np.broadcast_arrays(*(np.asarray(argument, dtype=float) for argument in arguments))
     found = [function(*map(float, row)) for row in zip(*map(np.ravel, arrays), strict=True)]
     return np.reshape(np.array(found, dtype=float), arrays[0].shape)[()]
@@ -48,11 +50,9 @@ def _tail(value: float, freedom: float) -> float:
     x, k = value / 2, round(freedom)
     if x == 0 or math.isinf(x):
         return 1.0 if x == 0 else 0.0
-    steps = np.arange(k % 2 / 2, k / 2)
-    peak = np.clip(round(x - k % 2 / 2), 0, len(steps) - 1) if len(steps) else 0
-    terms = [np.cumprod(x / steps[peak + 1 :]), np.cumprod(steps[peak:0:-1] / x), np.ones(len(steps[:1]))]  # relative to the largest one
-    largest = math.exp(steps[peak] * math.log(x) - x - math.lgamma(steps[peak] + 1)) if len(steps) else 0.0
-    return min(1.0, (math.erfc(math.sqrt(x)) if k % 2 else 0.0) + largest * float(np.sum(np.concatenate(terms))))
+    scale = math.log(x)
+    terms = [math.exp(j * scale - x - math.lgamma(j + 1)) for j in np.arange(k % 2 / 2, k / 2).tolist()]
+    return min(1.0, (math.erfc(math.sqrt(x)) if k % 2 else 0.0) + math.fsum(terms))
 
 
 def f_tail(ratio: Any, above: Any, below: Any) -> np.ndarray | np.float64:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from .._arrays import quantile
 from .._special import chi_square_tail, f_tail
 
 #: number of parts of a log; on real logs the errors were right with six, but too small with ten or twenty
@@ -27,12 +28,12 @@ def span_of(jacobian: np.ndarray) -> np.ndarray:
 
 def tamed(span: np.ndarray, residuals: np.ndarray) -> np.ndarray:
     """Residuals clipped at 3.5 robust standard deviations and orthogonal to the Jacobian, because single outliers prove nothing."""
-    most = _FAR * 1.4826 * np.median(np.abs(residuals))
-    residuals = np.clip(residuals, -most, most)
+    most = _FAR * 1.4826 * quantile(np.abs(residuals), 0.5)
+    residuals = np.minimum(np.maximum(residuals, -most), most)
     return residuals - span @ (span.T @ residuals)
 
 
-def is_white(jacobian: np.ndarray, residuals: np.ndarray) -> bool:
+def is_white(jacobian: np.ndarray, residuals: np.ndarray, calm: np.ndarray | None = None) -> bool:
     """Whether residuals in the order of a log look independent.
 
     Two tests examine the residuals: one their autocorrelation, the other whether parts of the log need parameters of their own. Each test
@@ -42,6 +43,7 @@ def is_white(jacobian: np.ndarray, residuals: np.ndarray) -> bool:
     ----------
     jacobian : (n, p) derivative of the residuals at the solution.
     residuals : (n,) in the order of time.
+    calm : these as `tamed`, where they are known.
 
     Returns
     -------
@@ -62,7 +64,7 @@ def is_white(jacobian: np.ndarray, residuals: np.ndarray) -> bool:
     n, free = jacobian.shape
     if n < _PIECES:
         return True  # too few to tell
-    residuals = tamed(span_of(jacobian), residuals)
+    residuals = tamed(span_of(jacobian), residuals) if calm is None else calm
     lags = np.arange(1, min(_PIECES, n // 8) + 1)
     power = np.abs(np.fft.rfft(residuals, 2 * n)) ** 2
     correlation = np.fft.irfft(power)[: len(lags) + 1]
@@ -72,17 +74,22 @@ def is_white(jacobian: np.ndarray, residuals: np.ndarray) -> bool:
     parts = min(BLOCKS, n // (2 * free))
     if parts < 2:
         return True
-    edges = np.round(np.arange(parts + 1) * n / parts).astype(int)
-    pieces = [slice(a, b) for a, b in itertools.pairwise(edges)]
-    values, vectors = np.linalg.eigh(np.array([jacobian[rows].T @ jacobian[rows] for rows in pieces]))
+    hats, scores = _in_parts(jacobian, residuals, parts)
+    values, vectors = np.linalg.eigh(hats)
     seen = values > np.finfo(float).eps ** 0.75 * values[:, -1:]  # the combinations that a part determines
-    scores = np.einsum("kpi,kp->ki", vectors, np.array([jacobian[rows].T @ residuals[rows] for rows in pieces]))
-    left = np.sum(residuals**2) - np.sum(scores[seen] ** 2 / values[seen])
-    used = int(np.sum(seen))
+    scores = np.einsum("kpi,kp->ki", vectors, scores)
+    gain, used = np.sum(scores[seen] ** 2 / values[seen]), int(np.sum(seen))
     if used <= free or used >= n:
         return True
-    ratio = (np.sum(residuals**2) - left) / (used - free) / (left / (n - used))
+    ratio = gain / (used - free) / ((np.sum(residuals**2) - gain) / (n - used))
     return bool(f_tail(ratio, used - free, n - used) >= CHANCE)
+
+
+def _in_parts(jacobian: np.ndarray, residuals: np.ndarray, parts: int) -> tuple[np.ndarray, np.ndarray]:
+    """J'J (k, p, p) and J'r (k, p) of equally long parts of a log."""
+    both, edges = np.vstack([jacobian.T, residuals]), np.round(np.arange(parts + 1) * len(residuals) / parts).astype(int)
+    products = np.array([both[:, a:b] @ both[:, a:b].T for a, b in itertools.pairwise(edges)])
+    return products[:, :-1, :-1], products[:, :-1, -1]
 
 
 def leave_out(jacobian: np.ndarray, residuals: np.ndarray, known: np.ndarray | None = None) -> np.ndarray:
@@ -121,12 +128,7 @@ def leave_out(jacobian: np.ndarray, residuals: np.ndarray, known: np.ndarray | N
     size = np.sqrt(np.sum(jacobian**2, axis=0) + np.diag(known))
     if n < 2 * free or not (size > 0).all():
         return np.full((free, free), np.inf)
-    rows = jacobian / size
-    edges = np.round(np.arange(_PIECES + 1) * n / _PIECES).astype(int)
-    pieces = list(itertools.pairwise(edges))
-    hats = np.array([rows[a:b].T @ rows[a:b] for a, b in pieces])
-    scores = np.array([rows[a:b].T @ residuals[a:b] for a, b in pieces])
-    matrix = leave_out_pieces(hats, scores, known / np.outer(size, size))
+    matrix = leave_out_pieces(*_in_parts(jacobian / size, residuals, _PIECES), known / np.outer(size, size))
     return matrix / np.outer(size, size)
 
 
@@ -146,13 +148,14 @@ def leave_out_pieces(hats: np.ndarray, scores: np.ndarray, known: np.ndarray) ->
     return (BLOCKS - 1) / len(off) * off.T @ off
 
 
-def by_parts(white: Any, jacobian: np.ndarray, left: np.ndarray, prior: np.ndarray | None = None) -> tuple[np.ndarray, bool]:
+def by_parts(white: Any, jacobian: np.ndarray, left: np.ndarray, prior: Any = None, calm: Any = None) -> tuple[np.ndarray, bool]:
     """Covariance of the parameters by fits without parts of the log, and True; if its residuals look white, the given one, and False.
 
-    No parameter is known better than by white residuals. prior : information (p, p) that no part of the log takes away.
+    No parameter is known better than by white residuals. prior : information (p, p) that no part of the log takes away. calm : as for
+    `is_white`.
     """
     shown = np.abs(jacobian).max(axis=0) > 0  # others are in the prior alone
-    if is_white(jacobian[:, shown], left):
+    if is_white(jacobian[:, shown], left, calm):
         return white, False
     other = leave_out(jacobian, left, prior)
     if prior is not None:
@@ -172,17 +175,24 @@ def correlation_time(residuals: np.ndarray) -> float:
     return float(max(1 + 2 * np.sum(values[1 : np.argmax(lost) if lost.any() else len(values)]), 1.0))
 
 
-def followed(span: np.ndarray, columns: np.ndarray, residuals: np.ndarray) -> tuple[np.ndarray, float]:
+def followed(span: np.ndarray, columns: np.ndarray, calm: np.ndarray) -> tuple[np.ndarray, float]:
     """Coefficients (k,) of columns (n, k) that residuals follow beside the parameters, and the chance that they do by accident.
 
-    span : orthonormal columns that span the changes with the parameters. Columns that the parameters imitate have a chance of one.
+    span : orthonormal columns that span the changes with the parameters. calm : residuals as `tamed`. Columns that the parameters imitate
+    have a chance of one. Only where white residuals hardly ever seem to follow are the coefficients found, and what correlation adds.
     """
     free = columns - span @ (span.T @ columns)
-    size = np.linalg.norm(free, axis=0)
-    if not size.size or not (size > 1e-6 * np.linalg.norm(columns, axis=0)).all():
-        return np.zeros(size.size), 1.0
-    calm = tamed(span, residuals)
-    coefficients = np.linalg.lstsq(free / size, calm, rcond=1e-9)[0] / size
+    size, nothing = np.sqrt((free * free).sum(axis=0)), np.zeros(columns.shape[1])
+    if not size.size or not (size > 1e-6 * np.sqrt((columns * columns).sum(axis=0))).all():
+        return nothing, 1.0
+    free, square, eps = free / size, calm @ calm, np.finfo(float).eps
+    along = free.T @ calm
+    # a floor keeps the products of columns of length one regular
+    explained = along @ np.linalg.solve(free.T @ free + eps * np.eye(size.size), along)
+    chance = float(chi_square_tail(len(calm) * np.log(square / max(square - explained, eps * square)), size.size))
+    if not chance < CHANCE:
+        return nothing, chance
+    coefficients = np.linalg.lstsq(free, calm, rcond=1e-9)[0]
     rest = calm - free @ coefficients
-    gain = len(residuals) / correlation_time(rest) * np.log(np.sum(calm**2) / np.sum(rest**2))
-    return coefficients, float(chi_square_tail(float(gain), size.size))
+    gain = len(calm) / correlation_time(rest) * np.log(square / (rest @ rest))
+    return coefficients / size, float(chi_square_tail(gain, size.size))

@@ -12,7 +12,8 @@ entries that are seen. A vehicle at level shows two columns of C; the third, and
 but level headings do not depend on them.
 """
 
-from typing import Any, NamedTuple
+from collections import namedtuple
+from typing import Any
 
 import numpy as np
 import scipy  # loads its parts when they are first used
@@ -34,38 +35,21 @@ _C, _B, _GAIN, _DIP, _LAG = slice(0, 9), slice(9, 12), 12, 13, slice(14, 18)
 _OFF = 14  # of known headings: no rates, whose bias stands there, are beside them
 
 
-class Known(NamedTuple):
+class Known(namedtuple("Known", "field field_error stretch dip dip_error off")):
     """Prior knowledge: logarithm of the magnitude of the field and its standard deviation, and the dip and its own, rad.
 
     stretch : whether the standard deviation covers the mean stretch of C too, and not only the gain about which its entries scatter.
     off : standard deviation of what all known headings are off by, rad; infinite where they are off by nothing.
     """
 
-    field: float = 0.0
-    field_error: float = np.inf
-    stretch: bool = False
-    dip: float = 0.0
-    dip_error: float = np.inf
-    off: float = np.inf
 
-
-class Solution(NamedTuple):
+class Solution(namedtuple("Solution", "matrix centre parameters covariance parts freedom along converged spread")):
     """C times the field, b, and all parameters with their covariance: C by rows, b, logarithm of the gain, dip, bias and delay of the
     rates, K by currents.
 
     parts : whether the covariance is that of fits without parts of the log. freedom : of the noise, or of these parts. along : (n,)
     whether a reading has a residual along the surface. spread : standard deviation of these over the field.
     """
-
-    matrix: np.ndarray
-    centre: np.ndarray
-    parameters: np.ndarray
-    covariance: np.ndarray
-    parts: bool
-    freedom: float
-    along: np.ndarray
-    converged: bool
-    spread: float
 
 
 def north_of(up: np.ndarray, heading: np.ndarray, dip: float) -> np.ndarray:

@@ -5,6 +5,7 @@ the other mirrors, and only the sign of the dip tells which: a mirrored axis is 
 """
 
 import math
+from collections import namedtuple
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -19,7 +20,7 @@ from ._aids import NAMES, Alignment, Asked, Attitudes
 from ._field import INCLINATION
 from ._findings import AGREE, FINDINGS
 from ._model import MagModel
-from ._quadric import NEAR_PLANAR, Frame, extents, unit
+from ._quadric import NEAR_PLANAR, Frame, extents, rows_of, unit
 from ._surface import Surface
 
 #: rad between verticals of one pose, ten times the scatter of an accelerometer by hand; usual steps between its readings: 1 in 10,000 of
@@ -121,9 +122,10 @@ def by_axes(found: Axes | None, sign: float, turns: bool = True) -> list[Finding
 
 def down_of(directions: Any, sign: float) -> np.ndarray | None:
     """The axis about which a sensor turned, from unit fields (n, 3) or, with the sign -1, verticals; None if it turned through all."""
-    if directions is None or not np.isfinite(directions).any():
+    known = np.zeros((0, 3)) if directions is None else directions[np.isfinite(directions).all(axis=1)]
+    if not len(known):
         return None
-    mean = np.nanmean(directions, axis=0)
+    mean = known.sum(axis=0) / len(known)
     size = float(np.linalg.norm(mean))
     return np.copysign(1.0, sign) * mean / size if size > TURNED else None
 
@@ -141,7 +143,7 @@ def _orientation(asked: Asked, surface: Surface) -> tuple[list[Finding], float, 
         if axes is not None and axes.same and np.std(dips) < AGREE:
             dip, down = axes.dip if dip is None else dip, down_of(up, -1.0)
     known, dip = dip is not None, asked.dip if dip is None else dip
-    down = down_of(field[surface.rows], dip) if down is None else down
+    down = down_of(rows_of(field, surface.rows), dip) if down is None else down
     return by_axes(axes, asked.sign, turns=False) if axes else [FINDINGS("unseen_axes")], dip, known, down
 
 
@@ -168,16 +170,8 @@ def beside(asked: Asked, surface: Surface) -> Surface:
     return _joint(asked, surface._replace(dip=dip), at, log, found, faults)
 
 
-class _Readings(NamedTuple):
+class _Readings(namedtuple("_Readings", "m rows currents nearest size norm frame")):
     """Readings (n, 3) of a log, and the rows to fit; currents (n, k), those nearest to zero, and their sizes; the field, and the frame."""
-
-    m: np.ndarray
-    rows: np.ndarray
-    currents: np.ndarray
-    nearest: np.ndarray
-    size: np.ndarray
-    norm: float | None
-    frame: Frame
 
 
 def _prepared(asked: Asked, surface: Surface) -> _Readings:
@@ -287,7 +281,7 @@ def _round(u: np.ndarray, dip: float) -> tuple[np.ndarray, np.ndarray]:
     """Start from a sphere through scaled readings; a circle has the size of the field's horizontal part."""
     centre = sphere_centre(u)
     size = float(np.sqrt(np.mean(np.sum((u - centre) ** 2, axis=1))))
-    flat = extents(u - u.mean(axis=0))
+    flat = extents(u)
     size = size / np.cos(dip) if flat[-1] < 4 * NEAR_PLANAR * flat[0] else size
     return size * np.eye(3), centre
 

@@ -139,8 +139,7 @@ def unit_field(attitudes: Any, inclination: Any, xp: ModuleType = np) -> Any:
     return xp.stack([forward, east * cp + below * sp, below * cp - east * sp], axis=-1)
 
 
-@functools.lru_cache(maxsize=64)
-def axes_at(headings: tuple[float, ...], tilt: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def axes_at(headings: Any, tilt: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Unit vectors to the north, to the east and down, (n, 3) each, in the axes of a sensor at these headings.
 
     Level, or, if it is tilted, in each of eight directions of the tilt, (8 n, 3).

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from .._answer import Finding, Quantity
+from .._arrays import quantile
 from .._errors import DataError
 from .._precision import host_float64
 from .._types import AnyArray, Samples
@@ -16,7 +17,7 @@ from ._aids import Asked
 from ._field import HEADINGS, INCLINATION, axes_at, sphere_grid
 from ._findings import FINDINGS
 from ._model import HARD, SOFT, MagModel, changes_of, quantity_of
-from ._quadric import NEAR_PLANAR, OUTLIER, SYMMETRIC, UPPER, Frame, extents, inverse_of, unit
+from ._quadric import NEAR_PLANAR, OUTLIER, SYMMETRIC, UPPER, extents, inverse_of, rows_of, unit
 from ._surface import BENT, FAST, Surface, between
 
 #: findings beside which a heading error means nothing
@@ -37,9 +38,11 @@ def judged(asked: Asked, surface: Surface) -> dict[str, Any]:
     matrices = [surface.matrix, *(np.outer(step, step) for _, step, _ in surface.causes)]
     matrices = [_of_iron(model, field, held, one) for one in matrices]
     spread = matrices[0] if surface.spread is None else _of_iron(model, field, held, surface.spread)
-    error, *costs = heading_errors(change_of(model, field, surface.usual), surface.dip, surface.down, matrices)
+    # squares of a linear model's slopes have four harmonics along the headings, whose mean six headings give
+    headings = HEADINGS[::4] if surface.usual is None else HEADINGS
+    error, *costs = heading_errors(change_of(model, field, surface.usual), surface.dip, surface.down, matrices, headings)
     # a field that the readings leave open may be of any size, the readings not
-    quantity = quantity_of(np.nanmedian(np.abs(asked.m)) if host else field)
+    quantity = quantity_of(quantile(np.abs(asked.m[asked.there]).ravel(), 0.5) if host else field)
     estimate = _estimated(model, field, quantity, spread, surface.freedom, surface.further or {}, held)
     about = {"used": len(surface.rows if surface.joint else surface.m)} | ({} if surface.usual is None else {"usual": surface.usual})
     if host and not surface.joint:
@@ -80,7 +83,7 @@ def _estimated(model: MagModel, field: Any, quantity: str, covariance: Any, free
 def sphere_rows(directions: Any, xp: Any = np) -> Any:
     """Derivative (n, 9) of the distance of unit vectors to the unit sphere by the upper entries of S and the centre, but for its sign."""
     i, j = UPPER
-    return xp.concatenate([directions[:, i] * directions[:, j] * SYMMETRIC.sum(axis=0)[None, :], directions], axis=1)
+    return xp.concatenate([directions.T[i] * directions.T[j] * SYMMETRIC.sum(axis=0)[:, None], directions.T]).T
 
 
 def _weakest(surface: Surface) -> tuple[float, str]:
@@ -94,7 +97,11 @@ def _weakest(surface: Surface) -> tuple[float, str]:
         known = of_jacobian(surface.found.near.slopes, names=(*names, *surface.further))
         return float(known.condition), ", ".join(known.weakest)
     part = np.repeat([0.5, 1.0], [6, 3])[:, None] * (inverse_of("symmetric") @ surface.found.basis)
-    values, vectors = np.linalg.svd(np.linalg.qr(sphere_rows(unit(surface.corrected[surface.rows])) @ part, mode="r"))[1:]
+    rows = sphere_rows(unit(rows_of(surface.corrected, surface.rows)))
+    values, vectors = np.linalg.svd(part.T @ (rows.T @ rows) @ part)[1:]
+    values = np.sqrt(values)
+    if not values[-1] > 1e-3 * values[0]:  # squares lose the digits of a small one
+        values, vectors = np.linalg.svd(np.linalg.qr(rows @ part, mode="r"))[1:]
     condition, weak = (float(values[0] / values[-1]) if values[-1] > 0 else np.inf), np.abs(part @ vectors[-1])
     return condition, ", ".join(name for name, share in zip(names, weak, strict=True) if share > 0.5 * weak.max())
 
@@ -114,7 +121,8 @@ def _of_magnitudes(asked: Asked, surface: Surface, condition: float, weakest: st
     """What to know about a surface of magnitudes: structure, size, and how certain its noise is."""
     larger, found, size, norm = surface.larger, surface.found, float(surface.radius * surface.scale), asked.norm
     said: list[Finding] = []
-    if extents(Frame.of(surface.m).in_frame(surface.m))[-1] < NEAR_PLANAR:
+    # where the model is chosen, readings in a plane have one of their own
+    if (asked.parts or (asked.method, asked.model) != ("ml", "auto")) and extents(surface.m)[-1] < NEAR_PLANAR:
         said.append(FINDINGS("near_planar"))
     elif not np.isfinite(found.covariance).all() or FINDINGS.over("undetermined", condition, what=weakest):
         said.append(FINDINGS("undetermined", what=weakest))
@@ -135,7 +143,7 @@ def _of_magnitudes(asked: Asked, surface: Surface, condition: float, weakest: st
 def outliers(distance: AnyArray) -> np.ndarray:
     """Indices of readings more than four robust standard deviations off; distances in scaled units."""
     size = np.abs(distance)
-    return np.flatnonzero(size > max(OUTLIER * 1.4826 * np.median(size), 1e-9))
+    return np.flatnonzero(size > max(OUTLIER * 1.4826 * quantile(size, 0.5), 1e-9))
 
 
 def _about_residuals(distance: np.ndarray, scatter: float, parts: bool) -> list[Finding]:
@@ -175,19 +183,26 @@ def heading_slopes(change: Change, dip: float, down: Any = None, tilt: float = 0
     change : takes vectors (n, 3) and unit fields in body axes (n, 3) to the change of the corrected fields along these vectors with the
     parameters, (n, p). down : the axis that points down at level; None for all six. A heading turns with the field's part to the east.
     """
-    (north, east, below), turns = axes_at(tuple(headings.tolist()), tilt), levelled(down)
-    directions = (np.cos(dip) * north + np.sin(dip) * below) @ turns
-    return change((-east / np.cos(dip) @ turns).reshape(-1, 3), directions.reshape(-1, 3))
+    return change(*_swept(float(dip), None if down is None else tuple(np.ravel(down).tolist()), tilt, tuple(headings.tolist())))
 
 
-def heading_errors(change: Change, dip: float, down: AnyArray | None, matrices: Sequence[Any]) -> list[Any]:
+@functools.lru_cache(maxsize=64)
+def _swept(dip: float, down: tuple[float, ...] | None, tilt: float, headings: tuple[float, ...]) -> tuple[np.ndarray, ...]:
+    """Vectors to the west over the field's horizontal part, and unit fields, (m, 3) each, with contiguous columns."""
+    (north, east, below), turns = axes_at(headings, tilt), levelled(down)
+    both = (-east / np.cos(dip), np.cos(dip) * north + np.sin(dip) * below)
+    return tuple(np.asfortranarray((part @ turns).reshape(-1, 3)) for part in both)
+
+
+def heading_errors(change: Change, dip: float, down: AnyArray | None, matrices: Sequence[Any], headings: AnyArray = HEADINGS) -> list[Any]:
     """Root mean square heading errors (2,) in rad, at level and tilted, by each covariance of the parameters; infinite if that is."""
-    xp, both, found = matrices[0].__array_namespace__(), [heading_slopes(change, dip, down, tilt) for tilt in (0.0, TILT)], []
+    xp, found = matrices[0].__array_namespace__(), []
+    both = [heading_slopes(change, dip, down, tilt, headings) for tilt in (0.0, TILT)]
     for covariance in matrices:
         known = xp.isfinite(covariance).all()
         safe = xp.where(known, covariance, 0.0)
         # rounding may make a small value negative
-        mean = xp.stack([((rows @ safe) * rows).sum(axis=1).mean() for rows in both])
+        mean = xp.stack([(rows.T @ rows * safe).sum() / len(rows) for rows in both])
         found.append(xp.where(known, xp.sqrt(xp.maximum(mean, 0.0)), xp.inf))
     return found
 
@@ -201,9 +216,9 @@ def by_iron(model: Any, field: Any) -> Change:
     inverse = xp.linalg.inv(model.soft_iron * field)
 
     def change(across: Any, directions: Any) -> Any:
-        along = -(across @ inverse)
-        by_soft = field * (along[:, :, None] * directions[:, None, :]).reshape(-1, 9)
-        return xp.concatenate([along, by_soft, 0.0 * along[:, :1]], axis=1)
+        along = -(inverse.T @ across.T)
+        by_soft = field * (along[:, None] * directions.T[None]).reshape(9, -1)
+        return xp.concatenate([along, by_soft, 0.0 * along[:1]]).T
 
     return change
 
@@ -271,7 +286,7 @@ def heading_change(present: Any, new: Any, field: float, *, inclination: float =
     -------
     (24,) rad: heading by `new` minus heading by `present`, at every 15 degrees of heading by `new`, from north.
     """
-    (north, _, below), turn = axes_at(tuple(HEADINGS.tolist())), levelled(np.array([0.0, 0.0, 1.0]) if down is None else down)[0]
+    (north, _, below), turn = axes_at(HEADINGS), levelled(np.array([0.0, 0.0, 1.0]) if down is None else down)[0]
     readings = new.measure(float(field) * (np.cos(inclination) * north + np.sin(inclination) * below) @ turn)
     by = [np.arctan2(-y[:, 1], y[:, 0]) for y in (np.asarray(model.correct(readings)) @ turn.T for model in (present, new))]
     return np.angle(np.exp(1j * (by[1] - by[0])))

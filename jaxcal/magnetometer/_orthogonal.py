@@ -6,6 +6,7 @@ of a soft iron depart from a multiple of the identity by 40 %. The prior's error
 and noisy that the fit would run off.
 """
 
+from collections import namedtuple
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -23,21 +24,13 @@ SETTLED = 1e-7  # step in standard errors, and relative change of the noise, or 
 SOFT = 0.4  # spread of the entries of a soft iron about a multiple of the identity: the paper's sensor, the strongest known, has 0.3
 
 
-class Near(NamedTuple):
+class Near(namedtuple("Near", "distance normal field curvature multiplier corrected slopes", defaults=(None,))):
     """Readings beside their surface.
 
     distance : (n,). normal, field : (n, 3) unit normal, and unit field, at the nearest point. curvature : (n,) mean curvature. multiplier :
     (n,) t of `foot`. corrected : (n, 3) the field of the reading itself over its magnitude. slopes : (n, p) of the distances by the
     parameters.
     """
-
-    distance: Any
-    normal: Any
-    field: Any
-    curvature: Any
-    multiplier: Any
-    corrected: Any
-    slopes: Any = None
 
 
 def times(v: Any, matrix: Any) -> Any:
@@ -66,12 +59,8 @@ def _eye(matrix: Any) -> Any:
     return matrix.__array_namespace__().broadcast_to(np.eye(3, dtype=matrix.dtype), matrix.shape)
 
 
-def _pencil(shape: Any, z: Any) -> Any:
-    """y(t) = (I + t A)^-1 z as a function of t, for all rows of z: along the principal axes of one A, and without these for many."""
-    if isinstance(z, np.ndarray) and shape.ndim == 2:
-        values, vectors = np.linalg.eigh(shape)
-        return lambda t, vector: (vector @ vectors / (1 + t[:, None] * values)) @ vectors.T
-    # by the Cayley-Hamilton theorem, whose derivatives hold for equal eigenvalues too
+def _pencil(shape: Any) -> Any:
+    """y(t) = (I + t A)^-1 z as a function of t and all rows of z, by the Cayley-Hamilton theorem, whose derivatives hold everywhere."""
     square, trace = shape @ shape, shape.trace(axis1=-2, axis2=-1)
     second = (trace**2 - square.trace(axis1=-2, axis2=-1)) / 2
     adjugate = square - trace[..., None, None] * shape + second[..., None, None] * _eye(shape)
@@ -110,7 +99,7 @@ def _largest_eigenvalue(shape: Any) -> Any:
 
 def repeated(step: Callable[[Any], Any], state: Any, done: Callable[[Any], Any]) -> Any:
     """`step` until `done`: a loop of Python for arrays of NumPy, and one of JAX in a trace."""
-    if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(state)):
+    if isinstance(state[0], jax.Array):
         return jax.lax.while_loop(lambda now: ~done(now), step, state)
     while not done(state):
         state = step(state)
@@ -119,29 +108,28 @@ def repeated(step: Callable[[Any], Any], state: Any, done: Callable[[Any], Any])
 
 def foot(shape: Any, z: Any, near: Any) -> tuple[Any, Any]:
     """Multiplier t, z - y = t A y, of the nearest point y of x'Ax = 1 to each row of z, and y. near : t to start from."""
-    xp = z.__array_namespace__()
-    return _foot(shape, z, near) if xp is np else _differentiable(shape, z, jax.lax.stop_gradient(near))
-
-
-def _foot(shape: Any, z: Any, near: Any) -> tuple[Any, Any]:
-    """`foot` by Newton steps."""
-    xp, apply, lowest = z.__array_namespace__(), _pencil(shape, z), -1 / _largest_eigenvalue(shape)
-    # Each Newton step doubles the digits: half of them here, and the step after the loop gives the rest.
-    half = float(np.finfo(z.dtype).eps) ** 0.5
-
-    def again(carry: tuple) -> tuple:
-        i, t, _ = carry
-        new = _newton(apply, shape, z, t)
-        new = xp.where(new > lowest, new, (t + lowest) / 2)
-        return i + 1, new, (abs(new - t) <= half * (new - lowest)).all()
-
-    begin = (xp.asarray(0), xp.where(near > lowest, near, 0.0), xp.asarray(False))
-    _, t, _ = repeated(again, begin, lambda carry: (carry[0] >= _FOOT) | carry[2])
-    t = _newton(apply, shape, z, t)
+    apply = _pencil(shape)
+    t = _ended(lambda t: _newton(apply, shape, z, t), -1 / _largest_eigenvalue(shape), near)
     return t, apply(t, z)
 
 
-_differentiable = jax.custom_jvp(_foot)
+def _ended(newton: Callable[[Any], Any], lowest: Any, near: Any) -> Any:
+    """The end of Newton steps from t near it, which lies above `lowest`."""
+    xp = near.__array_namespace__()
+    # Each Newton step doubles the digits: a step of a quarter of them leaves half, and the step after the loop gives the rest.
+    quarter = float(np.finfo(near.dtype).eps) ** 0.25
+
+    def again(carry: tuple) -> tuple:
+        i, t, _ = carry
+        new = newton(t)
+        new = xp.where(new > lowest, new, (t + lowest) / 2)
+        return i + 1, new, (abs(new - t) <= quarter * (new - lowest)).all()
+
+    begin = (xp.asarray(0), xp.where(near > lowest, near, 0.0), xp.asarray(False))
+    return newton(repeated(again, begin, lambda carry: (carry[0] >= _FOOT) | carry[2])[1])
+
+
+_differentiable = jax.custom_jvp(foot)
 
 
 @_differentiable.defjvp
@@ -149,7 +137,7 @@ def _(values: tuple, changes: tuple) -> Any:
     """From (I + t A) y = z and y'Ay = 1, for the change a of A: y'A dy = -y'a y / 2 and (I + t A) dy = dz - t a y - dt A y."""
     (shape, z, near), (by_shape, by_z, _) = values, changes
     t, y = _differentiable(shape, z, near)
-    normal, turned, apply = times(y, shape), times(y, by_shape), _pencil(shape, z)
+    normal, turned, apply = times(y, shape), times(y, by_shape), _pencil(shape)
     steep, right = apply(t, normal), by_z - t[:, None] * turned
     slope = (steep * normal).sum(axis=1)  # zero at the centre, where t has no derivative
     by_t = ((steep * right).sum(axis=1) + (y * turned).sum(axis=1) / 2) / jnp.where(slope > 0, slope, 1.0)
@@ -172,18 +160,45 @@ def curvature(shape: Any, z: Any) -> Any:
 
 def nearest(push: Any, z: Any, near: Any = None) -> Near:
     """Readings z (n, 3) beside {P h : |h| = 1}, with one matrix P, or one for each reading. near : t of `foot` to start from."""
+    near, host = 0.0 * z[:, 0] if near is None else near, isinstance(z, np.ndarray)
+    if host and push.ndim == 2:
+        return _nearest_one(push, z.T, near)
     inverse = inverted(push)
     back = inverse.swapaxes(-1, -2)
     shape = back @ inverse
-    t, y = foot(shape, z, 0.0 * z[:, 0] if near is None else near)
+    t, y = foot(shape, z, near) if host else _differentiable(shape, z, jax.lax.stop_gradient(near))
     normal = times(y, shape)
     length = (normal**2).sum(axis=1) ** 0.5
     return Near(t * length, normal / length[:, None], times(y, back), curvature(shape, z), t, times(z, back))
 
 
+def _nearest_one(push: np.ndarray, z: np.ndarray, near: np.ndarray) -> Near:
+    """`nearest` for one ellipsoid and z (3, n) on the host: along its principal axes, where a matrix is three numbers."""
+    turn, axes, _ = np.linalg.svd(push)
+    square, along = axes[:, None] ** 2, turn.T @ z
+    weight = square * along * along
+
+    def newton(t: np.ndarray) -> np.ndarray:
+        steep = 1 / (square + t)
+        part = weight * steep * steep
+        g = part.sum(axis=0)
+        # at the centre of the ellipsoid both sums vanish
+        return t + g * (np.sqrt(g) - 1) / np.maximum((part * steep).sum(axis=0), 1e-300)
+
+    t = _ended(newton, -square[2], near)
+    normal, steep = along / (square + t), along / square
+    length, bent = np.sqrt((normal**2).sum(axis=0)), steep**2
+    size = bent.sum(axis=0)
+    size = np.where(size > 0, size, 1.0)
+    curved = (((1 / square).sum() - 1 / square).T @ bent)[0] / (2 * size * np.sqrt(size))
+    back = push.T @ turn
+    return Near(t * length, (turn @ (normal / length)).T, (back @ normal).T, curved, t, (back @ steep).T)
+
+
 def slopes_of(near: Near, basis: np.ndarray) -> Any:
     """Derivative (n, p) of the distances of readings to an ellipsoid by its parameters."""
-    return -((near.normal[:, :, None] * near.field[:, None, :]).reshape(-1, 9) @ basis[:9] + near.normal @ basis[9:])
+    normal, field = near.normal.T, near.field.T
+    return -(basis[:9].T @ (normal[:, None] * field[None]).reshape(9, -1) + basis[9:].T @ normal).T
 
 
 class Ellipsoids(NamedTuple):
@@ -210,7 +225,7 @@ class Ellipsoids(NamedTuple):
     settled = near  # with derivatives, from readings beside the same surface
 
 
-class Weights(NamedTuple):
+class Weights(namedtuple("Weights", "noise2 ridge noise scaled inverse freedom")):
     """What a round knows of the noise.
 
     noise2 : variance for the curvature term. ridge : weight of the prior's squares. noise : standard deviation. scaled : (p, p) normal
@@ -218,111 +233,87 @@ class Weights(NamedTuple):
     parameters that they, not the prior, determine.
     """
 
-    noise2: Any
-    ridge: Any
-    noise: Any
-    scaled: Any
-    inverse: Any
-    freedom: Any
+
+_FOUND = "parameters soft centre covariance noise freedom distance near converged kind basis noise2"
 
 
-class Found(NamedTuple):
+class Found(namedtuple("Found", _FOUND)):
     """A fitted surface: parameters (p,), their covariance, noise and its degrees of freedom, distances (n,), and its readings.
 
     soft, centre : S and the centre of an ellipsoid in scaled readings. basis : from the parameters to their entries. noise2 : for the
     curvature term, in the distances.
     """
 
-    parameters: Any
-    soft: Any
-    centre: Any
-    covariance: Any
-    noise: Any
-    freedom: Any
-    distance: Any
-    near: Near
-    converged: Any
-    kind: str
-    basis: Any
-    noise2: Any
+
+def prior_of(basis: np.ndarray, size: Any) -> tuple[Any, Any, Any]:
+    """The prior's squares as a matrix (p, p), the mean (p,) of the diagonal of S by the parameters, and `size` of the surface.
+
+    The squares are those of the entries of S less a multiple of the identity.
+    """
+    mean = (basis[0] + basis[4] + basis[8]) / 3
+    out = basis[:9] - np.eye(3, dtype=basis.dtype).reshape(9, 1) * mean
+    return out.T @ out, mean, size
 
 
-def penalties(basis: np.ndarray) -> np.ndarray:
-    """Departure (9, p) of S from a multiple of the identity by its parameters; its squares sum over the entries."""
-    return basis[:9] - np.outer(np.eye(3, dtype=basis.dtype), basis[[0, 4, 8]].mean(axis=0))
-
-
-def terms(x: Any, variance: Any, basis: np.ndarray, size: Any) -> tuple[Any, Any]:
+def terms(x: Any, variance: Any, prior: Sequence[Any]) -> tuple[Any, Any]:
     """Variance for the curvature term, and weight of the prior, for a variance of the noise."""
-    xp, mean = x.__array_namespace__(), basis[[0, 4, 8]].mean(axis=0) @ x
+    xp, mean = x.__array_namespace__(), prior[1] @ x
     # a noise too small matters not, and with one too large there is no surface
-    radius2 = (size * mean) ** 2
+    radius2 = (prior[2] * mean) ** 2
     curved = (0.25 * radius2 > variance) & (variance > CURVED**2 * radius2)
     return xp.where(curved, variance, 0.0), variance / (SOFT * mean) ** 2
 
 
-def weighed(x: Any, near: Near, last: Sequence[Any], basis: np.ndarray, size: Any) -> Weights:
-    """The noise by these distances, and the weights that it gives.
-
-    last : variance for the curvature term, and weight of the prior. size : the field in the unit of the readings over that of S.
-    """
-    xp, rows, p = x.__array_namespace__(), near.slopes, x.size
-    out = penalties(basis)
-    normal = rows.T @ rows + last[1] * (out.T @ out)
-    column = xp.sqrt(xp.diagonal(normal))
+def weighed(x: Any, rows: Any, left: Any, ridge: Any, prior: Sequence[Any]) -> Weights:
+    """The noise by what is left of the distances, whose slopes are `rows`, and the weights that it gives; ridge : weight of the prior."""
+    xp, floor = x.__array_namespace__(), rounding_of(x) * np.eye(x.size, dtype=x.dtype)
+    normal = rows.T @ rows + ridge * prior[0]
+    column = xp.sqrt(normal.diagonal())
     column = xp.where(column > 0, column, 1.0)
-    scaled = normal / column[:, None] / column[None]
-    inverse = xp.linalg.inv(scaled + rounding_of(x) * np.eye(p, dtype=x.dtype)) / column[:, None] / column[None]
-    held = ((out @ inverse) * out).sum()
-    freedom = xp.maximum(len(rows) - p + last[1] * held, 1.0)
-    left = near.distance - last[0] * near.curvature
+    unit = column[:, None] * column[None]
+    scaled = normal / unit
+    inverse = xp.linalg.inv(scaled + floor) / unit
+    freedom = xp.maximum(len(rows) - x.size + ridge * (prior[0] * inverse).sum(), 1.0)
     noise2 = (left**2).sum() / freedom
-    return Weights(*terms(x, noise2, basis, size), xp.sqrt(noise2), scaled, inverse, freedom)
+    return Weights(*terms(x, noise2, prior), xp.sqrt(noise2), scaled, inverse, freedom)
 
 
-class _Point(NamedTuple):
-    """Parameters, readings beside their surface, the weights before and there, the next step, the share of it to try, and whether done."""
-
-    x: Any
-    near: Near
-    last: Sequence[Any]
-    weights: Weights
-    step: Any
-    share: Any
-    count: Any
-    converged: Any
-    done: Any
+class _Point(namedtuple("_Point", "x near last weights cost step share count converged done")):
+    """Parameters, readings beside their surface, the weights before and there, the cost, the next step, its share to try; whether done."""
 
 
-def rounds(near_at: Callable[[Any, Near], Near], x: Any, near: Near, basis: np.ndarray, size: Any) -> tuple[Any, Near, Weights, Any]:
+def rounds(near_at: Callable[[Any, Near], Near], x: Any, near: Near, prior: Sequence[Any]) -> tuple[Any, Near, Weights, Any]:
     """The end x of the steps with the readings beside the surface there, its weights, and whether it has converged.
 
     Gauss-Newton steps, each with the noise that the distances before it show; a step that raises the cost is shortened.
     near_at : takes parameters, and the readings beside a surface not far from theirs, to the readings beside theirs.
     """
-    xp, out, rounding = x.__array_namespace__(), penalties(basis), rounding_of(x)
+    xp, rounding, eps = x.__array_namespace__(), rounding_of(x), float(np.finfo(x.dtype).eps)
 
-    def cost(x: Any, near: Near, here: Near, last: Sequence[Any]) -> Any:
-        # with the offset of the point from which a step begins, whose slopes leave that of the curvature out
-        return ((near.distance - last[0] * here.curvature) ** 2).sum() + last[1] * ((out @ x) ** 2).sum()
+    def cost(x: Any, left: Any, ridge: Any) -> Any:
+        return (left**2).sum() + ridge * (x @ prior[0] @ x)
 
     def point(x: Any, near: Near, last: Sequence[Any], count: Any) -> _Point:
-        weights = weighed(x, near, last, basis, size)
-        gradient = near.slopes.T @ (near.distance - last[0] * near.curvature) + last[1] * (out.T @ (out @ x))
-        step, total = -(weights.inverse @ gradient), cost(x, near, near, last)
-        off = -(gradient @ step) / xp.where(total > 0, total, 1.0)  # square of the step in standard errors, over the readings
-        short = xp.linalg.norm(step) <= rounding * xp.linalg.norm(x)
+        left = near.distance - last[0] * near.curvature
+        weights = weighed(x, near.slopes, left, last[1], prior)
+        gradient = near.slopes.T @ left + last[1] * (prior[0] @ x)
+        step, total = -(weights.inverse @ gradient), cost(x, left, last[1])
+        off = -(gradient @ step) / (total + (total == 0))  # square of the step in standard errors, over the readings
+        short = (step**2).sum() <= rounding**2 * (x**2).sum()
         alike = SETTLED + rounding
         settled = (abs(weights.noise2 - last[0]) <= alike * weights.noise2) & (abs(weights.freedom - last[2]) <= alike * weights.freedom)
         flat = ((off <= SETTLED**2) | short) & xp.isfinite(total)
         done = flat & settled | ~xp.isfinite(weights.noise) | (count >= _STEPS)
-        return _Point(x, near, last, weights, step, 0.0 * off + 1.0, count, flat, done)
+        return _Point(x, near, last, weights, total, step, 0.0 * off + 1.0, count, flat, done)
 
     def advance(here: _Point) -> _Point:
         x = here.x + here.share * here.step
         near = near_at(x, here.near)
-        # so near the solution that the cost only changes by rounding it cannot judge a step
-        better = cost(x, near, here.near, here.last) <= (1 + rounding) * cost(here.x, here.near, here.near, here.last)
+        # the offset is that of the point from which a step begins, whose slopes leave the curvature's out
+        left = near.distance - here.last[0] * here.near.curvature
+        # So near the solution that the cost only changes by rounding it cannot judge a step. Distances have the rounding of the field.
+        off = eps * prior[2] * abs(prior[1] @ here.x) * xp.sqrt(len(left) * here.cost)
+        better = cost(x, left, here.last[1]) <= (1 + rounding) * here.cost + 2 * off
         shorter = here._replace(share=here.share / 4, count=here.count + 1, done=here.count >= _STEPS)
         if xp is np and not better:
             return shorter
@@ -331,8 +322,8 @@ def rounds(near_at: Callable[[Any, Near], Near], x: Any, near: Near, basis: np.n
         return there if xp is np else jax.tree.map(lambda new, old: xp.where(better, new, old), there, shorter)
 
     near = near_at(x, near)  # which also gives the start its shapes
-    first, none = weighed(x, near, (0.0, 0.0), basis, size), xp.zeros((), dtype=x.dtype)
-    begin = point(x, near, (first.noise2 + none, first.ridge, first.freedom), xp.asarray(0))
+    freedom = xp.asarray(max(len(near.distance) - x.size, 1.0), dtype=x.dtype)
+    begin = point(x, near, (*terms(x, (near.distance**2).sum() / freedom, prior), freedom), xp.asarray(0))
     end = repeated(advance, begin, lambda here: here.done)
     # the last step is so short that the distances follow it by their slopes
     step = xp.where(end.converged, end.step, 0.0)
@@ -361,29 +352,31 @@ def maximised(surface: Any, begin: Any, h: Any, still: bool = False) -> Found:
     still : keep the parameters, with the smallest covariance that the readings allow there (Cramer-Rao bound). In a trace the fit has a
     derivative: that of the root of the slope of the cost, with the variance of the noise as one more unknown.
     """
-    basis, kind, none = surface.basis, surface.kind, 0.0 * h[:, 0]
+    basis, kind, none, prior = surface.basis, surface.kind, 0.0 * h[:, 0], prior_of(surface.basis, surface.size)
     near = Near(none, h, h, none, none, h, h)
     if still:
         near = surface.near(begin, near, *surface.data)
-        weights = weighed(begin, near, (0.0, 0.0), basis, surface.size)._replace(noise2=0.0, ridge=0.0)
+        weights = weighed(begin, near.slopes, near.distance, 0.0, prior)._replace(noise2=0.0, ridge=0.0)
         return found_of(begin, near, weights, basis, True, kind)
     if isinstance(begin, np.ndarray):
-        x, near, weights, converged = rounds(lambda x, near: surface.near(x, near, *surface.data), begin, near, basis, surface.size)
+        x, near, weights, converged = rounds(lambda x, near: surface.near(x, near, *surface.data), begin, near, prior)
         return found_of(x, near, weights, basis, converged, kind)
 
     def solver(begin: Any, near: Near, size: Any, *data: Any) -> tuple:
-        x, near, weights, converged = rounds(lambda x, near: surface.near(x, near, *data), begin, near, basis, size)
+        x, near, weights, converged = rounds(lambda x, near: surface.near(x, near, *data), begin, near, prior_of(basis, size))
         return jnp.append(x, weights.noise**2), (near, converged.astype(x.dtype))
 
     def score(root: Any, further: tuple, _: Any, __: Near, size: Any, *data: Any) -> Any:
-        x, near, out = root[:-1], surface.settled(root[:-1], further[0], *data), penalties(basis)
-        noise2, ridge = terms(x, root[-1], basis, size)
-        after = weighed(x, near, (noise2, ridge), basis, size)
-        slope = near.slopes.T @ (near.distance - noise2 * near.curvature) + ridge * (out.T @ out @ x)
+        x, near, known = root[:-1], surface.settled(root[:-1], further[0], *data), prior_of(basis, size)
+        noise2, ridge = terms(x, root[-1], known)
+        left = near.distance - noise2 * near.curvature
+        after = weighed(x, near.slopes, left, ridge, known)
+        slope = near.slopes.T @ left + ridge * (prior[0] @ x)
         return jnp.append(slope, after.noise**2 - root[-1])
 
     begin, near = jax.lax.stop_gradient((begin, near))
     root, (near, converged) = implicit(solver, score, begin, near, jnp.asarray(surface.size, h.dtype), *surface.data)
     x, near = root[:-1], surface.settled(root[:-1], near, *surface.data)
-    noise2, ridge = terms(x, root[-1], basis, surface.size)
-    return found_of(x, near, weighed(x, near, (noise2, ridge), basis, surface.size), basis, converged > 0, kind)
+    noise2, ridge = terms(x, root[-1], prior)
+    left = near.distance - noise2 * near.curvature
+    return found_of(x, near, weighed(x, near.slopes, left, ridge, prior), basis, converged > 0, kind)

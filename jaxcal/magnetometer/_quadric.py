@@ -12,12 +12,15 @@ how far the readings scatter, and which of them are too far.
 
 import contextlib
 import functools
+import math
+from collections import namedtuple
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._arrays import quantile
 from .._errors import FitError
 from .._types import AnyArray
 from ..evidence._values import clipped, held
@@ -65,16 +68,26 @@ class Frame(NamedTuple):
 
     @staticmethod
     def of(m: AnyArray) -> "Frame":
-        centre = m.mean(axis=0)
-        return Frame(centre, ((m - centre[None, :]) ** 2).sum(axis=1).mean() ** 0.5)
+        centre = m.sum(axis=0) / len(m)
+        return Frame(centre, (((m - centre[None, :]) ** 2).sum() / len(m)) ** 0.5)
 
     def in_frame(self, m: Any) -> Any:
         return (m - self.centre[None, :]) / self.scale
 
 
+def lengths(v: np.ndarray) -> Any:
+    """Length of each row; in a third of the time of `numpy.linalg.norm` if the columns are contiguous, as those of `rows_of` are."""
+    return np.sqrt((v * v).sum(axis=1))
+
+
 def unit(v: np.ndarray) -> np.ndarray:
     """Rows scaled to length one."""
-    return v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), 1e-300)
+    return v / np.maximum(lengths(v), 1e-300)[:, None]
+
+
+def rows_of(m: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Some rows, with contiguous columns."""
+    return m.T.take(rows, axis=1).T
 
 
 def soft_of(shape: Any) -> Any:
@@ -92,7 +105,7 @@ class NotEllipsoid(FitError):
 def monomials(u: Any) -> Any:
     """The monomials of each reading, (n, 10)."""
     xp, (x, y, z) = u.__array_namespace__(), u.T
-    return xp.stack([x * x, x * y, x * z, y * y, y * z, z * z, x, y, z, xp.ones_like(x)], axis=1)
+    return xp.stack([x * x, x * y, x * z, y * y, y * z, z * z, x, y, z, xp.ones_like(x)]).T
 
 
 def matrix_of(q: Any) -> Any:
@@ -100,9 +113,11 @@ def matrix_of(q: Any) -> Any:
     return q[PLACE] * ((1 + np.eye(3)) / 2).astype(q.dtype)
 
 
-def extents(u: np.ndarray) -> np.ndarray:
-    """Root mean squares along the principal axes of readings, the largest first; readings in a plane give a zero to within 1e-8."""
-    return np.sqrt(np.maximum(np.linalg.eigvalsh(u.T @ u / len(u))[::-1], 0.0))
+def extents(m: np.ndarray) -> np.ndarray:
+    """Extents of readings along their principal axes over the whole one, the largest first; a plane has a zero to within 1e-8."""
+    off = m - m.sum(axis=0) / len(m)
+    square = off.T @ off
+    return np.sqrt(np.maximum(np.linalg.eigvalsh(square / max(square.trace(), 1e-300))[::-1], 0.0))
 
 
 def shape_of(theta: Any) -> tuple[Any, Any]:
@@ -169,25 +184,31 @@ def _slopes() -> np.ndarray:
     return before * EXPONENTS.T[:, :, None]
 
 
-def _laplacian(moments: np.ndarray) -> np.ndarray:
+@functools.cache
+def _laplacian() -> np.ndarray:
+    """Matrix (100, 100) of `_mean_laplacian`, for products row by row."""
+    one = np.eye(len(EXPONENTS))
+    return sum(np.kron(d @ d, one) + 2 * np.kron(d, d) + np.kron(one, d @ d) for d in _slopes())  # type: ignore[return-value]
+
+
+def _mean_laplacian(products: np.ndarray) -> np.ndarray:
     """Mean of the Laplacian of the products of the monomials, from the mean of the products."""
-    return sum(d @ d @ moments + 2 * d @ moments @ d.T + moments @ (d @ d).T for d in _slopes())  # type: ignore[return-value]
+    return (_laplacian() @ products.ravel()).reshape(products.shape)
 
 
 def noisy(products: np.ndarray, variance: float) -> np.ndarray:
     """Mean products of the monomials without those of a noise: exp(-s^2/2 D) of them, with the Laplacian D."""
-    first = -_laplacian(products) / 2
-    return products + variance * (first - variance * _laplacian(first) / 4)
+    first = -_mean_laplacian(products) / 2
+    return products + variance * (first - variance * _mean_laplacian(first) / 4)
 
 
 def adjusted(products: np.ndarray) -> tuple[float, np.ndarray]:
     """The smallest variance of the noise that makes `noisy` singular, and the quadric that it then maps to zero."""
-    first = -_laplacian(products) / 2
-    second, s2 = -_laplacian(first) / 4, 0.0
+    first = -_mean_laplacian(products) / 2
+    second, s2, size = -_mean_laplacian(first) / 4, 0.0, len(products)
     if np.linalg.eigvalsh(products)[0] > 1e-14:  # otherwise the readings are exact
         # with t = 1 / s^2, (t^2 Psi0 + t Psi1 + Psi2) q = 0 is an eigenvalue problem of twice the size, whose largest real t is wanted
-        zero, one = np.zeros_like(products), np.eye(len(products))
-        t = np.linalg.eigvals(np.block([[-np.linalg.solve(products, first), -np.linalg.solve(products, second)], [one, zero]]))
+        t = np.linalg.eigvals(np.vstack([-np.linalg.solve(products, np.hstack([first, second])), np.eye(size, 2 * size)]))
         s2 = 1 / max(t.real[np.abs(t.imag) <= 1e-6 * np.abs(t)].max(initial=0.0), 1e-300)
     return s2, np.linalg.eigh(products + s2 * (first + s2 * second))[1][:, 0]
 
@@ -233,10 +254,10 @@ def begun(u: Any, way: str) -> Any:
 
 def away(found: tuple[np.ndarray, np.ndarray], u: np.ndarray) -> np.ndarray:
     """Size of the first-order distance to an ellipsoid."""
-    z = u - found[1]
-    normal = z @ found[0]
-    r = np.sqrt(np.maximum(np.sum(z * normal, axis=1), 1e-12))
-    return np.abs((r - 1) * r) / np.maximum(np.linalg.norm(normal, axis=1), 1e-12)
+    z = (u - found[1]).T
+    normal = found[0] @ z
+    r = np.sqrt(np.maximum((z * normal).sum(axis=0), 1e-12))
+    return np.abs((r - 1) * r) / np.maximum(lengths(normal.T), 1e-12)
 
 
 OUTLIER = 4.0  # robust standard deviations: one of 16,000 normal readings
@@ -256,58 +277,52 @@ _TAIL, _SURE, _EACH = 2.5, 4.0, 4
 
 def spread_of(distance: np.ndarray) -> float:
     """Robust standard deviation of sizes of distances, in scaled units."""
-    return max(1.4826 * float(np.median(distance)), 1e-9)
+    return max(1.4826 * float(quantile(distance, 0.5)), 1e-9)
 
 
 def _voters(u: np.ndarray, most: int = _PER_CELL) -> np.ndarray:
     """Rows of at most so many readings of each cell, evenly over time."""
     # cells that share a number are far apart, and only few
-    number = np.floor(u / _CELL).astype(np.int64) @ np.array([1, 1 << 20, 1 << 40])
+    x, y, z = np.floor(u.T / _CELL).astype(np.int64)
+    number = x + (y << 20) + (z << 40)
     order = np.argsort(number, kind="stable")
-    first = np.flatnonzero(np.diff(number[order], prepend=number[order[:1]] - 1))
-    count = np.diff(first, append=len(u))
-    size, place = np.repeat(count, count), np.arange(len(u)) - np.repeat(first, count)
+    number = number[order]
+    first = np.searchsorted(number, number)
+    size, place = np.searchsorted(number, number, side="right") - first, np.arange(len(u)) - first
     return np.sort(order[(size <= most) | (place * most // size != (place - 1) * most // size)])
 
 
-def _quantile(values: np.ndarray, share: float) -> Any:
-    """`numpy.quantile` along the first axis, in a third of the time."""
-    place = share * (len(values) - 1)
-    rows = [int(place), min(int(place) + 1, len(values) - 1)]
-    low, high = np.partition(values, rows, axis=0)[rows]
-    return low + (place - rows[0]) * (high - low)
-
-
-def _frame(m: np.ndarray) -> tuple[np.ndarray, float]:
-    """Median reading and size of a log, by readings of which every cell has four at most: a dwell does not shrink them."""
-    rows = np.arange(len(m))
+def _frame(m: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
+    """Median reading and size of a log, by readings of which every cell has four at most: a dwell does not shrink them; and these rows."""
+    rows, part = np.arange(len(m)), m
     for _ in range(4):
-        middle = _quantile(m[rows], 0.5)
-        size, last = float(_quantile(np.linalg.norm(m[rows] - middle, axis=1), _SIZE)), rows
+        middle = quantile(part.T, 0.5)
+        size, last = float(quantile(lengths(part - middle), _SIZE)), rows
         if not size > 0:
             break
         rows = _voters((m - middle) / size)
         if np.array_equal(rows, last):
             break
-    return middle, size
+        part = rows_of(m, rows)
+    return middle, size, rows
 
 
 def thinned(m: np.ndarray) -> np.ndarray:
     """Rows of a long log of which every cell of space has 32 at most: neighbouring readings repeat one another."""
-    middle, size = _frame(m)
+    middle, size, _ = _frame(m)
     return _voters((m - middle) / size, _PER_LONG) if size > 0 else np.arange(len(m))
 
 
 def _trimmed(u: np.ndarray) -> list[tuple[float, tuple[np.ndarray, np.ndarray]]]:
     """Ellipsoids through the nearest part of the readings (concentration steps of least trimmed squares), with the median distance."""
-    order, found = np.argsort(np.linalg.norm(u, axis=1)), []
+    order, found = np.argsort(lengths(u)), []
     for share in _SHARES:
         rows = order[: int(share * len(u))]
         with contextlib.suppress(NotEllipsoid, np.linalg.LinAlgError):
             for number in range(_ROUNDS + 1):
                 one = algebraic(u[rows])
                 distance = away(one, u)
-                found += [(float(np.median(distance)), one)] if number else []
+                found += [(float(quantile(distance, 0.5)), one)] if number else []
                 rows = np.argsort(distance)[: int(_SHARES[-1] * len(u))]
     return found
 
@@ -317,38 +332,37 @@ def sound(m: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | No
 
     All readings are kept where an ellipsoid through most is not to be had, or more than a tenth stand apart.
     """
-    (middle, size), everything, least = _frame(m), np.ones(len(m), dtype=bool), 2 * COUNT["symmetric"]
-    kept = np.linalg.norm(m - middle, axis=1) <= _SPIKE * size
-    if not size > 0 or np.mean(~kept) > _MOST or kept.sum() < least:
+    (middle, size, voters), everything, least = _frame(m), np.ones(len(m), dtype=bool), 2 * COUNT["symmetric"]
+    off = m - middle
+    kept = lengths(off) <= _SPIKE * size
+    close = np.flatnonzero(kept)
+    if not size > 0 or len(m) - len(close) > _MOST * len(m) or len(close) < least:
         return everything, None
-    u = (m - middle) / size
-    vote = u[kept][_voters(u[kept])]
-    if len(vote) < least or extents(Frame.of(vote).in_frame(vote))[-1] < NEAR_PLANAR:
+    u = off / size
+    voters = voters if len(close) == len(m) else close[_voters(rows_of(u, close))]
+    vote = rows_of(u, voters)
+    if len(vote) < least or extents(vote)[-1] < NEAR_PLANAR:
         return kept, None
-    tried, distance = [], np.array([np.inf])
+    found, distance = None, np.zeros(0)
     with contextlib.suppress(NotEllipsoid, np.linalg.LinAlgError):
-        plain = start(vote, "symmetric")
-        distance = away(plain, vote)
-        tried.append((float(np.median(distance)), plain))
+        found = start(vote, "symmetric")
+        distance = away(found, u)
     # a fit without a reading that stands apart needs no other
-    if not distance.max() <= OUTLIER * spread_of(distance):
-        tried += [(_CLOSER * median, one) for median, one in _trimmed(vote)]
-    if not tried:
+    if found is None or not distance[voters].max() <= OUTLIER * spread_of(distance[voters]):
+        median, trimmed = min(_trimmed(vote), key=lambda one: one[0], default=(np.inf, None))
+        if trimmed is not None and (found is None or _CLOSER * median < quantile(distance[voters], 0.5)):
+            found, distance = trimmed, away(trimmed, u)
+    if found is None:
         return kept, None
-    shape, centre = found = min(tried, key=lambda one: one[0])[1]
-    near = kept & (away(found, u) <= _FAR * spread_of(away(found, vote)))
+    near, (shape, centre) = kept & (distance <= _FAR * spread_of(distance[voters])), found
     return (everything, None) if np.mean(~near) > _MOST else (near, (shape / size**2, middle + size * centre))
 
 
-class Chosen(NamedTuple):
-    """Readings to fit: numbers, themselves, frame, how many were saturated, S and centre (12,) near them, whether their tail is heavy."""
+class Chosen(namedtuple("Chosen", "rows m frame full near heavy distinct", defaults=(0, None, False, 0))):
+    """Readings to fit: numbers, themselves, frame, how many were saturated, S and centre (12,) near them, whether their tail is heavy.
 
-    rows: np.ndarray
-    m: Any
-    frame: Frame
-    full: int = 0
-    near: Any = None
-    heavy: bool = False
+    distinct : how many differ; only whether any model has fewer parameters.
+    """
 
 
 def chosen(m: Any, everything: str = "") -> Chosen:
@@ -358,16 +372,19 @@ def chosen(m: Any, everything: str = "") -> Chosen:
         with contextlib.suppress(NotEllipsoid):
             near = begun(frame.in_frame(m), everything)
         return Chosen(np.arange(len(m)), m, frame, near=near)
+    m = np.asfortranarray(m)
     full = clipped(m)
-    used = np.flatnonzero(~full & ~held(m))
-    kept, near = sound(m[used])
+    used = np.flatnonzero(~(full | held(m)))
+    kept, near = sound(rows_of(m, used))
     used = used[kept]
     if len(used) > LONG:
-        used = used[thinned(m[used])]
-    found = Chosen(used, m[used], Frame.of(m[used]), int(full.sum()))
+        used = used[thinned(rows_of(m, used))]
+    m = rows_of(m, used)
+    found = Chosen(used, m, Frame.of(m), int(full.sum()))
     if near is None:
         return found
-    u, shape, centre = found.frame.in_frame(m[used]), near[0] * found.frame.scale**2, (near[1] - found.frame.centre) / found.frame.scale
-    ratio, usual = away((shape, centre), u), scipy.special.erfc(_TAIL / np.sqrt(2)) * len(u)
-    heavy = len(u) >= _EACH * COUNT["symmetric"] and np.sum(ratio > _TAIL * spread_of(ratio)) > usual + _SURE * np.sqrt(usual)
-    return found._replace(near=np.append(soft_of(shape), centre), heavy=bool(heavy))
+    shape, centre = near[0] * found.frame.scale**2, (near[1] - found.frame.centre) / found.frame.scale
+    ratio, usual = away((shape, centre), found.frame.in_frame(m)), math.erfc(_TAIL / math.sqrt(2)) * len(m)
+    far = np.count_nonzero(ratio > _TAIL * spread_of(ratio))
+    heavy = len(m) >= _EACH * COUNT["symmetric"] and far > usual + _SURE * math.sqrt(usual)
+    return found._replace(near=np.concatenate([soft_of(shape).ravel(), centre]), heavy=heavy)

@@ -14,8 +14,8 @@ import jax
 import numpy as np
 
 from .._answer import Finding
-from ..fitting._information import symmetric_inverse
-from ..fitting._serial import BLOCKS, CHANCE, by_parts, followed, span_of
+from .._frozen import made
+from ..fitting._serial import BLOCKS, CHANCE, by_parts, followed, span_of, tamed
 from . import _quadric as quadric
 from ._aids import Asked
 from ._field import sphere_grid
@@ -90,7 +90,7 @@ def _prepared(asked: Asked, picked: Chosen) -> Chosen | Surface:
     m, frame, near, auto = picked.m, picked.frame, picked.near, asked.method == "ml" and asked.model in ("auto", "planar")
     if asked.parts is not None or asked.traced:
         return picked if near is not None else Surface(said=(FINDINGS("no_ellipsoid"),))
-    count = _distinct(m)
+    count = _distinct(picked.m)
     least = "sphere" if auto else "symmetric" if asked.model == "auto" else asked.model
     if count <= COUNT[least] or frame.scale < EXACT * np.abs(m).max():
         return Surface(said=(FINDINGS("few", count=count, model=least, least=COUNT[least] + 1),))
@@ -98,14 +98,13 @@ def _prepared(asked: Asked, picked: Chosen) -> Chosen | Surface:
         m, iron = _calmed(m, frame, near)
         frame = Frame.of(m)
         near = (iron - np.append(np.zeros(9), frame.centre)) / frame.scale
-    u = frame.in_frame(m)
-    spread = quadric.extents(u)
+    spread = quadric.extents(m)
     if spread[1] < NEAR_PLANAR:
         return Surface(said=(FINDINGS("line"),))
     if asked.model == "planar" or (spread[2] < NEAR_PLANAR and auto):
-        normal = np.linalg.svd(u, full_matrices=False)[2][2]
+        normal = np.linalg.svd(m - frame.centre, full_matrices=False)[2][2]
         return Surface(plane=normal * np.sign(normal[np.argmax(np.abs(normal))]))
-    return picked._replace(m=m, frame=frame, near=near)
+    return picked._replace(m=m, frame=frame, near=near, distinct=count)
 
 
 def _fitted(asked: Asked, picked: Chosen, ready: Chosen) -> Surface:
@@ -114,16 +113,16 @@ def _fitted(asked: Asked, picked: Chosen, ready: Chosen) -> Surface:
     Kinds need more distinct readings than parameters. Beside the fit by another method, that of maximum likelihood shows its bias.
     """
     u, auto, near = ready.frame.in_frame(ready.m), asked.method == "ml" and asked.model == "auto", ready.near
-    fits, full, count, own = {}, None, 0, asked.parts is not None
-    kinds = [kind for kind in reversed(COUNT) if _distinct(picked.m) > COUNT[kind]] if auto else ["symmetric" if own else asked.model]
+    fits, full, whiten, score, count, own = {}, None, None, 0.0, 0, asked.parts is not None
+    kinds = [kind for kind in reversed(COUNT) if ready.distinct > COUNT[kind]] if auto else ["symmetric" if own else asked.model]
     ways = {"consistent": ["consistent"], "constrained": ["symmetric", "constrained"]}.get(asked.method, kinds)
     for way in ways:
         kind = way if way in COUNT else "symmetric"
         if full is not None:
-            x, step = _smaller(full, kind)
+            x, step = _smaller(full, whiten, kind)
             margin = (COUNT[full.kind] - COUNT[kind]) * np.log(count)
             # to first order in the step, which is the smallest in the covariance of the larger model
-            if _score(full.distance + full.near.slopes @ step, kind, count) > _score(full.distance, full.kind, count) + margin:
+            if _score(full.distance + full.near.slopes @ step, kind, count) > score + margin:
                 continue
             near = basis_of(kind) @ x if (x[: COUNT[kind] - 3] > 0).all() else None
         try:
@@ -140,7 +139,8 @@ def _fitted(asked: Asked, picked: Chosen, ready: Chosen) -> Surface:
         fits[way] = found
         if auto and len(fits) == 1:
             count = _occupied(found.near.field)
-            full = found if found.converged and np.isfinite(found.covariance).all() else None
+            if found.converged and np.isfinite(found.covariance).all():
+                full, whiten, score = found, np.linalg.inv(found.covariance), _score(found.distance, found.kind, count)
     if not fits or (not auto and ways[-1] not in fits):
         return Surface(said=(FINDINGS("no_ellipsoid"),))
     found = min(fits.values(), key=lambda one: _score(one.distance, one.kind, count)) if auto else fits[ways[-1]]
@@ -148,8 +148,8 @@ def _fitted(asked: Asked, picked: Chosen, ready: Chosen) -> Surface:
     if asked.traced:
         return one
     # all readings, as they are, beside the surface of those that were fitted
-    same, everything = ready.m is picked.m and len(ready.m) == len(asked.there), asked.m[asked.there]
-    beside = found.near if same else nearest(found.soft, ready.frame.in_frame(everything) - found.centre[None])
+    same = ready.m is picked.m and len(ready.m) == len(asked.there)
+    beside = found.near if same else nearest(found.soft, ready.frame.in_frame(asked.m[asked.there]) - found.centre[None])
     one = one._replace(
         unseen=one.scale * _left_out(next(iter(fits.values())) if auto else fits.get("symmetric", found), found),
         corrected=one.field * beside.corrected, residual=(beside.distance - found.noise2 * beside.curvature) * one.scale,
@@ -162,16 +162,16 @@ def _fitted(asked: Asked, picked: Chosen, ready: Chosen) -> Surface:
     return one._replace(larger=wide._replace(matrix=between(wide.slopes, np.where(sure, wide.found.covariance, np.inf))))
 
 
-def _smaller(full: Found, kind: str) -> tuple[np.ndarray, np.ndarray]:
-    """Parameters of a smaller kind nearest to a fit in its covariance: almost its fit where both models hold; and the step there."""
-    whiten, basis = symmetric_inverse(full.covariance), inverse_of(full.kind) @ basis_of(kind)
-    x = symmetric_inverse(basis.T @ whiten @ basis) @ (basis.T @ whiten @ full.parameters)
+def _smaller(full: Found, whiten: Any, kind: str) -> tuple[np.ndarray, np.ndarray]:
+    """Parameters of a smaller kind nearest to a fit by its information: almost its fit where both models hold; and the step there."""
+    basis = inverse_of(full.kind) @ basis_of(kind)
+    x = np.linalg.solve(basis.T @ whiten @ basis, basis.T @ whiten @ full.parameters)
     return x, basis @ x - full.parameters
 
 
 def _score(distance: Any, kind: str, count: int) -> float:
     """The criterion n ln(mean d^2) + k ln n. n is the number of occupied bins of 500, because neighbours repeat one another."""
-    return float(count * np.log(max(np.mean(distance**2), EXACT**2)) + COUNT[kind] * np.log(count))
+    return float(count * np.log(max(distance @ distance / len(distance), EXACT**2)) + COUNT[kind] * np.log(count))
 
 
 def _left_out(largest: Found, chosen: Found) -> np.ndarray:
@@ -190,44 +190,48 @@ def _left_out(largest: Found, chosen: Found) -> np.ndarray:
 
 def _uncertain(one: Surface, conditions: dict[str, np.ndarray]) -> Surface:
     """The surface with its covariance: by parts of the log, at least that of white residuals, with what the fit cannot see by itself."""
-    found, matrix, freedom, parts, causes = one.found, one.found.covariance, one.found.freedom, False, ()
+    found, matrix, freedom, parts, causes, calm = one.found, one.found.covariance, one.found.freedom, False, (), None
     if np.isfinite(matrix).all() and found.converged and found.noise > EXACT * one.radius:
-        causes = tuple(_causes(one, conditions)) if one.usual is None else ()
-        matrix, parts = by_parts(matrix, found.near.slopes, found.distance)
+        if one.usual is None and len(found.distance) >= _FEWEST:
+            causes, calm = _causes(one, conditions)
+        matrix, parts = by_parts(matrix, found.near.slopes, found.distance, calm=calm)
     matrix = between(one.slopes, matrix) + sum(np.outer(step, step) for step in [one.unseen, *(step for _, step, _ in causes)])
     return one._replace(matrix=matrix, freedom=float(BLOCKS - 1) if parts else freedom, parts=parts, causes=causes)
 
 
-def _causes(one: Surface, conditions: dict[str, np.ndarray]) -> list[tuple[str, np.ndarray, float]]:
-    """The causes that the residuals beside an ellipsoid show, the surest first."""
+def _causes(one: Surface, conditions: dict[str, np.ndarray]) -> tuple[tuple[tuple[str, np.ndarray, float], ...], np.ndarray | None]:
+    """The causes that the residuals beside an ellipsoid show, the surest first; and the residuals as `tamed` beside the parameters."""
     found, causes, jacobian = one.found, [], one.found.near.slopes
-    if len(found.distance) < _FEWEST:
-        return []
     # a soft iron that the model leaves out is told by another step: a cause is what the largest model does not explain
-    span = span_of(jacobian if found.kind == "symmetric" else slopes_of(found.near, basis_of("symmetric")))
+    full = found.kind == "symmetric"
+    span = span_of(jacobian if full else slopes_of(found.near, basis_of("symmetric")))
+    calm = tamed(span, found.distance)
     for name, part in _columns(one, conditions).items():
         part = part[:, np.abs(part).max(axis=0) > 1e-12 * one.radius]
-        coefficients, chance = followed(span, part, found.distance)
+        coefficients, chance = followed(span, part, calm)
         if chance < CHANCE:
             effect, length = part @ coefficients, np.linalg.norm(jacobian, axis=0)
             step = np.linalg.lstsq(jacobian / length, effect, rcond=1e-9)[0] / length
             causes.append((chance, (name, one.slopes @ step, float(np.max(np.abs(effect))) / one.radius)))
-    return [cause for _, cause in sorted(causes, key=lambda one: one[0])]
+    return tuple(cause for _, cause in sorted(causes, key=lambda one: one[0])), calm if full else None
 
 
 def _columns(one: Surface, conditions: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Columns of each cause, for the fitted readings in order of time."""
     near, rows, radius = one.found.near, one.rows, one.radius
-    z, columns = near.field @ one.found.soft, {}
+    z, columns = (one.found.soft.T @ near.field.T).T, {}
     for name, values in conditions.items():
         # the hard iron stays that of the mean condition
         off = values[rows] - values[rows].mean()
         if off.any():
             columns[name] = near.normal * (off / np.abs(off).max())[:, None]
     # averaging over a short time shortens a turning vector in proportion to the square of its rate
-    turn = np.gradient(unit(one.corrected), axis=0)[rows]
-    columns[FAST] = (np.sum(near.normal * z, axis=1) * np.sum(turn**2, axis=1))[:, None]
-    columns[BENT] = np.concatenate([near.normal * (z / radius) ** 2, near.normal * (z / radius) ** 3], axis=1)
+    turn = unit(one.corrected)
+    turn = np.concatenate([2 * turn[:1] - turn[1:2], turn, 2 * turn[-1:] - turn[-2:-1]])
+    turn = (((turn[2:] - turn[:-2]) / 2) ** 2).sum(axis=1)[rows]
+    columns[FAST] = ((near.normal * z).sum(axis=1) * turn)[:, None]
+    square = near.normal * (z / radius) ** 2
+    columns[BENT] = np.concatenate([square, square * z / radius], axis=1)
     return columns
 
 
@@ -241,8 +245,8 @@ def between(slopes: Any, covariance: Any) -> Any:
 def _occupied(field: np.ndarray) -> int:
     """Number of bins, of 500, that contain a unit field."""
     # products in blocks: a tree would answer as fast, but its library takes as long to load as all of a first fit
-    blocks = np.array_split(unit(field), len(field) // ROWS + 1)
-    return len(np.unique(np.concatenate([np.argmax(block @ sphere_grid().T, axis=1) for block in blocks])))
+    grid, blocks = sphere_grid(), np.array_split(field, len(field) // ROWS + 1)
+    return np.unique(np.concatenate([np.argmax(block @ grid.T, axis=1) for block in blocks])).size
 
 
 def radius_of(soft: Any) -> Any:
@@ -255,7 +259,7 @@ def ellipsoid(found: Found, frame: Frame, norm: Any) -> Surface:
     """The surface of an ellipsoid in scaled readings, traced or not; `norm`: magnitude of the field if it is given."""
     radius = radius_of(found.soft)
     field = frame.scale * radius if norm is None else norm
-    model = MagModel(found.soft * frame.scale / field, frame.centre + frame.scale * found.centre)
+    model = made(MagModel, soft_iron=found.soft * frame.scale / field, hard_iron=frame.centre + frame.scale * found.centre)
     return Surface(
         found=found, model=model, field=field, slopes=frame.scale * found.basis, residual=found.distance * frame.scale,
         noise=found.noise * frame.scale, scale=frame.scale, radius=radius,
@@ -264,7 +268,7 @@ def ellipsoid(found: Found, frame: Frame, norm: Any) -> Surface:
 
 def _distinct(m: np.ndarray) -> int:
     """Number of distinct readings; only the first few are counted where these suffice for any model."""
-    few = len(np.unique(m[: 2**6], axis=0))
+    few = len(set(map(tuple, m[: 2**6].tolist())))
     return few if few > COUNT["symmetric"] else len(np.unique(m, axis=0))
 
 
