@@ -35,8 +35,7 @@ def runs(flags: Any) -> tuple[np.ndarray, np.ndarray]:
 
 def quantile(values: np.ndarray, share: float) -> Any:
     """`numpy.quantile` along the last axis, in a third of the time."""
-    place = share * (values.shape[-1] - 1)
-    first, last = int(place), -int(-place // 1)
+    first, last = int(place := share * (values.shape[-1] - 1)), -int(-place // 1)
     parted = np.partition(values, (first, last))
     low = parted[..., first]
     return low + (place - first) * (parted[..., last] - low)

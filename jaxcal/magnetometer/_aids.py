@@ -1,5 +1,6 @@
 """What a fit is asked: its readings, its options, and the sensors beside the magnetometer with what they tell of the attitudes."""
 
+from collections import namedtuple
 from typing import ClassVar, NamedTuple
 
 import equinox as eqx
@@ -204,22 +205,15 @@ class Attitude(eqx.Module):
         return -np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), w**2 - x**2 - y**2 + z**2], axis=1) + 0.0
 
 
-class Attitudes(NamedTuple):
+class Attitudes(
+    namedtuple("Attitudes", "source up heading gyro rate rows rotated off", defaults=("", None, None, None, 0.0, None, True, np.inf))
+):
     """What is known of the attitude of each of n readings: any of these, in the axes of one sensor.
 
     source : key of `NAMES`. up : (n, 3) unit vectors, NaN where unknown. heading : (n,) rad, NaN where unknown. gyro, rate, rows : rates
     (k, 3) in rad/s at all samples of a log, the samples per second, and the sample of each reading. rotated : whether C may have a rotation
     that these show. off : spread of what all headings are off by, infinite for nothing.
     """
-
-    source: str = ""
-    up: Any = None
-    heading: Any = None
-    gyro: Any = None
-    rate: float = 0.0
-    rows: Any = None
-    rotated: bool = True
-    off: float = np.inf
 
 
 class Asked(NamedTuple):

@@ -9,6 +9,7 @@ import numpy as np
 from .._answer import Finding, Quantity
 from .._arrays import quantile
 from .._errors import DataError
+from .._frozen import made
 from .._precision import host_float64
 from .._types import AnyArray, Samples
 from ..fitting import Estimate
@@ -38,9 +39,7 @@ def judged(asked: Asked, surface: Surface) -> dict[str, Any]:
     matrices = [surface.matrix, *(np.outer(step, step) for _, step, _ in surface.causes)]
     matrices = [_of_iron(model, field, held, one) for one in matrices]
     spread = matrices[0] if surface.spread is None else _of_iron(model, field, held, surface.spread)
-    # squares of a linear model's slopes have four harmonics along the headings, whose mean six headings give
-    headings = HEADINGS[::4] if surface.usual is None else HEADINGS
-    error, *costs = heading_errors(change_of(model, field, surface.usual), surface.dip, surface.down, matrices, headings)
+    error, *costs = heading_errors(change_of(model, field, surface.usual), surface.dip, surface.down, matrices)
     # a field that the readings leave open may be of any size, the readings not
     quantity = quantity_of(quantile(np.abs(asked.m[asked.there]).ravel(), 0.5) if host else field)
     estimate = _estimated(model, field, quantity, spread, surface.freedom, surface.further or {}, held)
@@ -77,7 +76,8 @@ def _estimated(model: MagModel, field: Any, quantity: str, covariance: Any, free
     states = {"field": "held"} if held else {}
     quantities = {"hard_iron": quantity, "field": quantity}
     quantities |= {name.partition("[")[0]: quantity for name in further if name.startswith("currents.")}
-    return Estimate((*HARD, *SOFT, "field", *further), xp.concatenate(values), covariance, freedom, states, quantities)
+    return made(Estimate, names=(*HARD, *SOFT, "field", *further), values=xp.concatenate(values), matrix=covariance,
+                freedom=np.broadcast_to(freedom, len(covariance)), states=states, quantities=quantities)  # fmt: skip
 
 
 def sphere_rows(directions: Any, xp: Any = np) -> Any:
@@ -98,8 +98,8 @@ def _weakest(surface: Surface) -> tuple[float, str]:
         return float(known.condition), ", ".join(known.weakest)
     part = np.repeat([0.5, 1.0], [6, 3])[:, None] * (inverse_of("symmetric") @ surface.found.basis)
     rows = sphere_rows(unit(rows_of(surface.corrected, surface.rows)))
-    values, vectors = np.linalg.svd(part.T @ (rows.T @ rows) @ part)[1:]
-    values = np.sqrt(values)
+    squares, vectors = np.linalg.eigh(part.T @ (rows.T @ rows) @ part)
+    values, vectors = np.sqrt(np.maximum(squares[::-1], 0.0)), vectors.T[::-1]
     if not values[-1] > 1e-3 * values[0]:  # squares lose the digits of a small one
         values, vectors = np.linalg.svd(np.linalg.qr(rows @ part, mode="r"))[1:]
     condition, weak = (float(values[0] / values[-1]) if values[-1] > 0 else np.inf), np.abs(part @ vectors[-1])
@@ -194,10 +194,11 @@ def _swept(dip: float, down: tuple[float, ...] | None, tilt: float, headings: tu
     return tuple(np.asfortranarray((part @ turns).reshape(-1, 3)) for part in both)
 
 
-def heading_errors(change: Change, dip: float, down: AnyArray | None, matrices: Sequence[Any], headings: AnyArray = HEADINGS) -> list[Any]:
+def heading_errors(change: Change, dip: float, down: AnyArray | None, matrices: Sequence[Any]) -> list[Any]:
     """Root mean square heading errors (2,) in rad, at level and tilted, by each covariance of the parameters; infinite if that is."""
     xp, found = matrices[0].__array_namespace__(), []
-    both = [heading_slopes(change, dip, down, tilt, headings) for tilt in (0.0, TILT)]
+    # along the headings the squares of a linear model's slopes have four harmonics: twelve headings give their mean, too
+    both = [heading_slopes(change, dip, down, tilt, HEADINGS[::2]) for tilt in (0.0, TILT)]
     for covariance in matrices:
         known = xp.isfinite(covariance).all()
         safe = xp.where(known, covariance, 0.0)

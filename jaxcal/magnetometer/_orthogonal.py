@@ -120,13 +120,13 @@ def _ended(newton: Callable[[Any], Any], lowest: Any, near: Any) -> Any:
     quarter = float(np.finfo(near.dtype).eps) ** 0.25
 
     def again(carry: tuple) -> tuple:
-        i, t, _ = carry
+        t, i, _ = carry
         new = newton(t)
         new = xp.where(new > lowest, new, (t + lowest) / 2)
-        return i + 1, new, (abs(new - t) <= quarter * (new - lowest)).all()
+        return new, i + 1, (abs(new - t) <= quarter * (new - lowest)).all()
 
-    begin = (xp.asarray(0), xp.where(near > lowest, near, 0.0), xp.asarray(False))
-    return newton(repeated(again, begin, lambda carry: (carry[0] >= _FOOT) | carry[2])[1])
+    begin = (xp.where(near > lowest, near, 0.0), 0, False)
+    return newton(repeated(again, begin, lambda carry: (carry[1] >= _FOOT) | carry[2])[0])
 
 
 _differentiable = jax.custom_jvp(foot)
@@ -173,8 +173,8 @@ def nearest(push: Any, z: Any, near: Any = None) -> Near:
 
 
 def _nearest_one(push: np.ndarray, z: np.ndarray, near: np.ndarray) -> Near:
-    """`nearest` for one ellipsoid and z (3, n) on the host: along its principal axes, where a matrix is three numbers."""
-    turn, axes, _ = np.linalg.svd(push)
+    """`nearest` for one symmetric P and z (3, n) on the host: along its principal axes, where a matrix is three numbers."""
+    axes, turn = np.linalg.eigh(push)
     square, along = axes[:, None] ** 2, turn.T @ z
     weight = square * along * along
 
@@ -185,13 +185,13 @@ def _nearest_one(push: np.ndarray, z: np.ndarray, near: np.ndarray) -> Near:
         # at the centre of the ellipsoid both sums vanish
         return t + g * (np.sqrt(g) - 1) / np.maximum((part * steep).sum(axis=0), 1e-300)
 
-    t = _ended(newton, -square[2], near)
+    t = _ended(newton, -square.min(), near)
     normal, steep = along / (square + t), along / square
     length, bent = np.sqrt((normal**2).sum(axis=0)), steep**2
     size = bent.sum(axis=0)
     size = np.where(size > 0, size, 1.0)
     curved = (((1 / square).sum() - 1 / square).T @ bent)[0] / (2 * size * np.sqrt(size))
-    back = push.T @ turn
+    back = turn * axes
     return Near(t * length, (turn @ (normal / length)).T, (back @ normal).T, curved, t, (back @ steep).T)
 
 
@@ -234,10 +234,7 @@ class Weights(namedtuple("Weights", "noise2 ridge noise scaled inverse freedom")
     """
 
 
-_FOUND = "parameters soft centre covariance noise freedom distance near converged kind basis noise2"
-
-
-class Found(namedtuple("Found", _FOUND)):
+class Found(namedtuple("Found", "parameters soft centre covariance noise freedom distance near converged kind basis noise2")):
     """A fitted surface: parameters (p,), their covariance, noise and its degrees of freedom, distances (n,), and its readings.
 
     soft, centre : S and the centre of an ellipsoid in scaled readings. basis : from the parameters to their entries. noise2 : for the
@@ -245,14 +242,14 @@ class Found(namedtuple("Found", _FOUND)):
     """
 
 
-def prior_of(basis: np.ndarray, size: Any) -> tuple[Any, Any, Any]:
-    """The prior's squares as a matrix (p, p), the mean (p,) of the diagonal of S by the parameters, and `size` of the surface.
+def prior_of(basis: np.ndarray, size: Any) -> tuple[Any, ...]:
+    """The prior's squares as a matrix (p, p), the mean (p,) of the diagonal of S by the parameters, `size` of the surface, and a floor.
 
-    The squares are those of the entries of S less a multiple of the identity.
+    The squares are those of the entries of S less a multiple of the identity. The floor (p, p) keeps normal equations regular.
     """
     mean = (basis[0] + basis[4] + basis[8]) / 3
     out = basis[:9] - np.eye(3, dtype=basis.dtype).reshape(9, 1) * mean
-    return out.T @ out, mean, size
+    return out.T @ out, mean, size, rounding_of(mean) * np.eye(mean.size, dtype=basis.dtype)
 
 
 def terms(x: Any, variance: Any, prior: Sequence[Any]) -> tuple[Any, Any]:
@@ -266,13 +263,13 @@ def terms(x: Any, variance: Any, prior: Sequence[Any]) -> tuple[Any, Any]:
 
 def weighed(x: Any, rows: Any, left: Any, ridge: Any, prior: Sequence[Any]) -> Weights:
     """The noise by what is left of the distances, whose slopes are `rows`, and the weights that it gives; ridge : weight of the prior."""
-    xp, floor = x.__array_namespace__(), rounding_of(x) * np.eye(x.size, dtype=x.dtype)
+    xp = x.__array_namespace__()
     normal = rows.T @ rows + ridge * prior[0]
     column = xp.sqrt(normal.diagonal())
     column = xp.where(column > 0, column, 1.0)
     unit = column[:, None] * column[None]
     scaled = normal / unit
-    inverse = xp.linalg.inv(scaled + floor) / unit
+    inverse = xp.linalg.inv(scaled + prior[3]) / unit
     freedom = xp.maximum(len(rows) - x.size + ridge * (prior[0] * inverse).sum(), 1.0)
     noise2 = (left**2).sum() / freedom
     return Weights(*terms(x, noise2, prior), xp.sqrt(noise2), scaled, inverse, freedom)

@@ -333,12 +333,11 @@ def sound(m: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | No
     All readings are kept where an ellipsoid through most is not to be had, or more than a tenth stand apart.
     """
     (middle, size, voters), everything, least = _frame(m), np.ones(len(m), dtype=bool), 2 * COUNT["symmetric"]
-    off = m - middle
-    kept = lengths(off) <= _SPIKE * size
+    kept = lengths(m - middle) <= _SPIKE * size
     close = np.flatnonzero(kept)
     if not size > 0 or len(m) - len(close) > _MOST * len(m) or len(close) < least:
         return everything, None
-    u = off / size
+    u = (m - middle) / size
     voters = voters if len(close) == len(m) else close[_voters(rows_of(u, close))]
     vote = rows_of(u, voters)
     if len(vote) < least or extents(vote)[-1] < NEAR_PLANAR:

@@ -8,6 +8,7 @@ A model object is fitted as the built-in models are. Field magnitudes do not det
 symmetric S, which is fitted, and the rotation Q of the start, which is kept. All other floating leaves are fitted unchanged.
 """
 
+import functools
 from typing import Any, NamedTuple
 
 import jax
@@ -113,16 +114,16 @@ def _fitted(asked: Asked, picked: Chosen, ready: Chosen) -> Surface:
     Kinds need more distinct readings than parameters. Beside the fit by another method, that of maximum likelihood shows its bias.
     """
     u, auto, near = ready.frame.in_frame(ready.m), asked.method == "ml" and asked.model == "auto", ready.near
-    fits, full, whiten, score, count, own = {}, None, None, 0.0, 0, asked.parts is not None
+    fits, full, whiten, count, own = {}, None, None, int, asked.parts is not None
     kinds = [kind for kind in reversed(COUNT) if ready.distinct > COUNT[kind]] if auto else ["symmetric" if own else asked.model]
     ways = {"consistent": ["consistent"], "constrained": ["symmetric", "constrained"]}.get(asked.method, kinds)
     for way in ways:
         kind = way if way in COUNT else "symmetric"
         if full is not None:
             x, step = _smaller(full, whiten, kind)
-            margin = (COUNT[full.kind] - COUNT[kind]) * np.log(count)
-            # to first order in the step, which is the smallest in the covariance of the larger model
-            if _score(full.distance + full.near.slopes @ step, kind, count) > score + margin:
+            # to first order in the step, which is the smallest in the covariance of the larger model; ln(n) / n is at most 1 / e
+            gain, more = _level(full.distance + full.near.slopes @ step) - _level(full.distance), 2 * (COUNT[full.kind] - COUNT[kind])
+            if gain > more / np.e or gain > more * np.log(count()) / count():
                 continue
             near = basis_of(kind) @ x if (x[: COUNT[kind] - 3] > 0).all() else None
         try:
@@ -138,12 +139,13 @@ def _fitted(asked: Asked, picked: Chosen, ready: Chosen) -> Surface:
             continue
         fits[way] = found
         if auto and len(fits) == 1:
-            count = _occupied(found.near.field)
+            count = functools.cache(functools.partial(_occupied, found.near.field))
             if found.converged and np.isfinite(found.covariance).all():
-                full, whiten, score = found, np.linalg.inv(found.covariance), _score(found.distance, found.kind, count)
+                full, whiten = found, np.linalg.inv(found.covariance)
     if not fits or (not auto and ways[-1] not in fits):
         return Surface(said=(FINDINGS("no_ellipsoid"),))
-    found = min(fits.values(), key=lambda one: _score(one.distance, one.kind, count)) if auto else fits[ways[-1]]
+    several = auto and len(fits) > 1
+    found = min(fits.values(), key=lambda one: _score(one.distance, one.kind, count())) if several else [*fits.values()][-1]
     one = ellipsoid(found, ready.frame, asked.norm)._replace(m=ready.m)
     if asked.traced:
         return one
@@ -171,7 +173,12 @@ def _smaller(full: Found, whiten: Any, kind: str) -> tuple[np.ndarray, np.ndarra
 
 def _score(distance: Any, kind: str, count: int) -> float:
     """The criterion n ln(mean d^2) + k ln n. n is the number of occupied bins of 500, because neighbours repeat one another."""
-    return float(count * np.log(max(distance @ distance / len(distance), EXACT**2)) + COUNT[kind] * np.log(count))
+    return float(count * _level(distance) + COUNT[kind] * np.log(count))
+
+
+def _level(distance: np.ndarray) -> Any:
+    """Logarithm of the mean square."""
+    return np.log(max(distance @ distance / len(distance), EXACT**2))
 
 
 def _left_out(largest: Found, chosen: Found) -> np.ndarray:
