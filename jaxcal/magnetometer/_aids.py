@@ -206,7 +206,7 @@ class Attitude(eqx.Module):
 
 
 class Attitudes(
-    namedtuple("Attitudes", "source up heading gyro rate rows rotated off", defaults=("", None, None, None, 0.0, None, True, np.inf))
+    namedtuple("Attitudes", "source up heading gyro rate rows rotated off", defaults=("", *3 * [None], 0.0, None, True, np.inf))
 ):
     """What is known of the attitude of each of n readings: any of these, in the axes of one sensor.
 

@@ -233,9 +233,7 @@ def _columns(one: Surface, conditions: dict[str, np.ndarray]) -> dict[str, np.nd
         if off.any():
             columns[name] = near.normal * (off / np.abs(off).max())[:, None]
     # averaging over a short time shortens a turning vector in proportion to the square of its rate
-    turn = unit(one.corrected)
-    turn = np.concatenate([2 * turn[:1] - turn[1:2], turn, 2 * turn[-1:] - turn[-2:-1]])
-    turn = (((turn[2:] - turn[:-2]) / 2) ** 2).sum(axis=1)[rows]
+    turn = (np.gradient(unit(one.corrected), axis=0) ** 2).sum(axis=1)[rows]
     columns[FAST] = ((near.normal * z).sum(axis=1) * turn)[:, None]
     square = near.normal * (z / radius) ** 2
     columns[BENT] = np.concatenate([square, square * z / radius], axis=1)
