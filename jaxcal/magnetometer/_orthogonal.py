@@ -295,7 +295,7 @@ def rounds(near_at: Callable[[Any, Near], Near], x: Any, near: Near, prior: Sequ
         weights = weighed(x, near.slopes, left, last[1], prior)
         gradient = near.slopes.T @ left + last[1] * (prior[0] @ x)
         step, total = -(weights.inverse @ gradient), cost(x, left, last[1])
-        off = -(gradient @ step) / (total + (total == 0))  # square of the step in standard errors, over the readings
+        off = -(gradient @ step) / xp.where(total > 0, total, 1.0)  # square of the step in standard errors, over the readings
         short = (step**2).sum() <= rounding**2 * (x**2).sum()
         alike = SETTLED + rounding
         settled = (abs(weights.noise2 - last[0]) <= alike * weights.noise2) & (abs(weights.freedom - last[2]) <= alike * weights.freedom)
