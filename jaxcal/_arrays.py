@@ -33,14 +33,6 @@ def runs(flags: Any) -> tuple[np.ndarray, np.ndarray]:
     return edges[::2], edges[1::2]
 
 
-def quantile(values: np.ndarray, share: float) -> Any:
-    """`numpy.quantile` along the last axis, in a third of the time."""
-    first, last = int(place := share * (values.shape[-1] - 1)), -int(-place // 1)
-    parted = np.partition(values, (first, last))
-    low = parted[..., first]
-    return low + (place - first) * (parted[..., last] - low)
-
-
 def longest_run(flags: Any) -> tuple[int, int]:
     """First index, and index after the last, of the longest run of True, the first of several; (0, 0) without any."""
     starts, stops = runs(flags)

@@ -1,7 +1,6 @@
 """Frozen modules: the base of models, and modules made, changed and cut without their `__init__`, which takes most of a short call."""
 
 import dataclasses
-import functools
 from typing import Any, TypeVar
 
 import equinox as eqx
@@ -9,7 +8,6 @@ import jax
 import numpy as np
 
 T = TypeVar("T")
-_fields = functools.cache(dataclasses.fields)
 
 
 #: `__getattribute__` of modules whose methods are called often: a method of theirs is one of Python, not a tree, which takes Equinox 20 us
@@ -27,7 +25,7 @@ class Model(eqx.Module):
 def made(kind: type[T], /, **fields: Any) -> T:
     """A frozen module with these fields, made without its `__init__`, which takes five times as long."""
     new: Any = object.__new__(kind)
-    known: Any = _fields(kind)
+    known: list[Any] = list(dataclasses.fields(new))
     for field in known:
         value = fields.get(field.name, field.default)
         object.__setattr__(new, field.name, field.default_factory() if value is dataclasses.MISSING else value)

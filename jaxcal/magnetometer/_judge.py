@@ -7,9 +7,7 @@ from typing import Any
 import numpy as np
 
 from .._answer import Finding, Quantity
-from .._arrays import quantile
 from .._errors import DataError
-from .._frozen import made
 from .._precision import host_float64
 from .._types import AnyArray, Samples
 from ..fitting import Estimate
@@ -18,7 +16,7 @@ from ._aids import Asked
 from ._field import HEADINGS, INCLINATION, axes_at, sphere_grid
 from ._findings import FINDINGS
 from ._model import HARD, SOFT, MagModel, changes_of, quantity_of
-from ._quadric import NEAR_PLANAR, OUTLIER, SYMMETRIC, UPPER, extents, inverse_of, rows_of, unit
+from ._quadric import NEAR_PLANAR, OUTLIER, SYMMETRIC, UPPER, Frame, extents, inverse_of, rows_of, unit
 from ._surface import BENT, FAST, Surface, between
 
 #: findings beside which a heading error means nothing
@@ -41,7 +39,7 @@ def judged(asked: Asked, surface: Surface) -> dict[str, Any]:
     spread = matrices[0] if surface.spread is None else _of_iron(model, field, held, surface.spread)
     error, *costs = heading_errors(change_of(model, field, surface.usual), surface.dip, surface.down, matrices)
     # a field that the readings leave open may be of any size, the readings not
-    quantity = quantity_of(quantile(np.abs(asked.m[asked.there]).ravel(), 0.5) if host else field)
+    quantity = quantity_of(np.median(np.abs(asked.m[asked.there])) if host else field)
     estimate = _estimated(model, field, quantity, spread, surface.freedom, surface.further or {}, held)
     about = {"used": len(surface.rows if surface.joint else surface.m)} | ({} if surface.usual is None else {"usual": surface.usual})
     if host and not surface.joint:
@@ -76,8 +74,7 @@ def _estimated(model: MagModel, field: Any, quantity: str, covariance: Any, free
     states = {"field": "held"} if held else {}
     quantities = {"hard_iron": quantity, "field": quantity}
     quantities |= {name.partition("[")[0]: quantity for name in further if name.startswith("currents.")}
-    return made(Estimate, names=(*HARD, *SOFT, "field", *further), values=xp.concatenate(values), matrix=covariance,
-                freedom=np.broadcast_to(freedom, len(covariance)), states=states, quantities=quantities)  # fmt: skip
+    return Estimate((*HARD, *SOFT, "field", *further), xp.concatenate(values), covariance, freedom, states, quantities)
 
 
 def sphere_rows(directions: Any, xp: Any = np) -> Any:
@@ -122,7 +119,9 @@ def _of_magnitudes(asked: Asked, surface: Surface, condition: float, weakest: st
     larger, found, size, norm = surface.larger, surface.found, float(surface.radius * surface.scale), asked.norm
     said: list[Finding] = []
     # where the model is chosen, readings in a plane have one of their own
-    if (asked.parts or (asked.method, asked.model) != ("ml", "auto")) and extents(surface.m)[-1] < NEAR_PLANAR:
+    if (asked.parts or (asked.method, asked.model) != ("ml", "auto")) and extents(Frame.of(surface.m).in_frame(surface.m))[
+        -1
+    ] < NEAR_PLANAR:
         said.append(FINDINGS("near_planar"))
     elif not np.isfinite(found.covariance).all() or FINDINGS.over("undetermined", condition, what=weakest):
         said.append(FINDINGS("undetermined", what=weakest))
@@ -143,7 +142,7 @@ def _of_magnitudes(asked: Asked, surface: Surface, condition: float, weakest: st
 def outliers(distance: AnyArray) -> np.ndarray:
     """Indices of readings more than four robust standard deviations off; distances in scaled units."""
     size = np.abs(distance)
-    return np.flatnonzero(size > max(OUTLIER * 1.4826 * quantile(size, 0.5), 1e-9))
+    return np.flatnonzero(size > max(OUTLIER * 1.4826 * np.median(size), 1e-9))
 
 
 def _about_residuals(distance: np.ndarray, scatter: float, parts: bool) -> list[Finding]:

@@ -20,7 +20,6 @@ import jax.numpy as jnp
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from .._arrays import quantile
 from .._errors import FitError
 from .._types import AnyArray
 from ..evidence._values import clipped, held
@@ -113,11 +112,9 @@ def matrix_of(q: Any) -> Any:
     return q[PLACE] * ((1 + np.eye(3)) / 2).astype(q.dtype)
 
 
-def extents(m: np.ndarray) -> np.ndarray:
-    """Extents of readings along their principal axes over the whole one, the largest first; a plane has a zero to within 1e-8."""
-    off = m - m.sum(axis=0) / len(m)
-    square = off.T @ off
-    return np.sqrt(np.maximum(np.linalg.eigvalsh(square / max(square.trace(), 1e-300))[::-1], 0.0))
+def extents(u: np.ndarray) -> np.ndarray:
+    """Root mean squares along the principal axes of readings, the largest first; readings in a plane give a zero to within 1e-8."""
+    return np.sqrt(np.maximum(np.linalg.eigvalsh(u.T @ u / len(u))[::-1], 0.0))
 
 
 def shape_of(theta: Any) -> tuple[Any, Any]:
@@ -292,6 +289,14 @@ def _voters(u: np.ndarray, most: int = _PER_CELL) -> np.ndarray:
     return np.sort(order[(size <= most) | (place * most // size != (place - 1) * most // size)])
 
 
+def quantile(values: np.ndarray, share: float) -> Any:
+    """`numpy.quantile` along the last axis, in a third of the time."""
+    first, last = int(place := share * (values.shape[-1] - 1)), -int(-place // 1)
+    parted = np.partition(values, (first, last))
+    low = parted[..., first]
+    return low + (place - first) * (parted[..., last] - low)
+
+
 def _frame(m: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
     """Median reading and size of a log, by readings of which every cell has four at most: a dwell does not shrink them; and these rows."""
     rows, part = np.arange(len(m)), m
@@ -340,7 +345,7 @@ def sound(m: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | No
     u = (m - middle) / size
     voters = voters if len(close) == len(m) else close[_voters(rows_of(u, close))]
     vote = rows_of(u, voters)
-    if len(vote) < least or extents(vote)[-1] < NEAR_PLANAR:
+    if len(vote) < least or extents(Frame.of(vote).in_frame(vote))[-1] < NEAR_PLANAR:
         return kept, None
     found, distance = None, np.zeros(0)
     with contextlib.suppress(NotEllipsoid, np.linalg.LinAlgError):

@@ -15,7 +15,6 @@ import jax
 import numpy as np
 
 from .._answer import Finding
-from .._frozen import made
 from ..fitting._serial import BLOCKS, CHANCE, by_parts, followed, span_of, tamed
 from . import _quadric as quadric
 from ._aids import Asked
@@ -99,7 +98,7 @@ def _prepared(asked: Asked, picked: Chosen) -> Chosen | Surface:
         m, iron = _calmed(m, frame, near)
         frame = Frame.of(m)
         near = (iron - np.append(np.zeros(9), frame.centre)) / frame.scale
-    spread = quadric.extents(m)
+    spread = quadric.extents(frame.in_frame(m))
     if spread[1] < NEAR_PLANAR:
         return Surface(said=(FINDINGS("line"),))
     if asked.model == "planar" or (spread[2] < NEAR_PLANAR and auto):
@@ -264,7 +263,7 @@ def ellipsoid(found: Found, frame: Frame, norm: Any) -> Surface:
     """The surface of an ellipsoid in scaled readings, traced or not; `norm`: magnitude of the field if it is given."""
     radius = radius_of(found.soft)
     field = frame.scale * radius if norm is None else norm
-    model = made(MagModel, soft_iron=found.soft * frame.scale / field, hard_iron=frame.centre + frame.scale * found.centre)
+    model = MagModel(found.soft * frame.scale / field, frame.centre + frame.scale * found.centre)
     return Surface(
         found=found, model=model, field=field, slopes=frame.scale * found.basis, residual=found.distance * frame.scale,
         noise=found.noise * frame.scale, scale=frame.scale, radius=radius,
