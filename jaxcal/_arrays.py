@@ -42,6 +42,32 @@ def longest_run(flags: Any) -> tuple[int, int]:
     return int(starts[longest]), int(stops[longest])
 
 
+def quantile(values: np.ndarray, *shares: float) -> np.ndarray:
+    """Of the last axis, (..., shares) or (...) of a single one, ascending; the nearest values, much faster than `numpy.quantile`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal._arrays import quantile
+    >>> quantile(np.arange(101.0)[::-1], 0.5, 0.9).tolist()
+    [50.0, 90.0]
+    """
+    found, first, count = [], 0, values.shape[-1]
+    for place in (round(share * (count - 1)) for share in shares):  # two places at once take several times as long
+        values = np.partition(values, place - first)[..., place - first :]  # a larger quantile lies among these
+        found.append(values[..., 0])
+        first = place
+    return np.stack(found, axis=-1) if len(shares) > 1 else found[0]
+
+
+def transposed(table: np.ndarray) -> np.ndarray:
+    """The table (n, k) as contiguous (k, n). Parts that fit a cache take a third of the time of the whole, if k is large."""
+    out = np.empty(table.shape[::-1], table.dtype)
+    for first in range(0, len(table), _LANE):
+        out[:, first : first + _LANE] = table[first : first + _LANE].T
+    return out
+
+
 def running_sum(values: np.ndarray) -> np.ndarray:
     """Running sum of values (n,) in place, in 0.4 of the time of `numpy.cumsum`.
 

@@ -14,7 +14,7 @@ import itertools
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from .._arrays import running_sum, runs
+from .._arrays import quantile, runs
 from .._types import Samples
 from ._values import CHANCE, EFFICIENCY, FEW, HIDDEN, SAMPLE, columns_of, resolution
 
@@ -26,6 +26,8 @@ LONGEST = 5.0
 _PAIRS = 32
 #: looks in a block, and blocks in the running median of their energies: slow changes of the noise are no event
 _BLOCK, _RUNNING = 64, 65
+#: looks in a lag, where it has as many samples
+_STEPS = 4
 #: a block whose mean square is this many times that of the quietest quarter moves; levels of noise differ less
 _GROSS = 16.0
 #: mean of z over the axes above which a look belongs to an event whose blocks are loud; noise has 1
@@ -69,14 +71,14 @@ def bursts(values: Samples, rate: float | int) -> list[tuple[int, int]]:
     if (held := stuck(record.columns)).any():
         out[record.index] = held
         record.drop(out)
-    h = 1
-    while h <= record.longest:
+    for h in (1 << k for k in range(record.longest.bit_length())):
         new = record.events(h)
         if new.any():
             out |= new
             _fill(out, record.longest)
             record.drop(out)
-        h *= 2
+    if not out.any():
+        return []
     rows = np.flatnonzero(record.present)  # a gap inside is part of a stretch, one beside it is not
     starts, stops = runs(out[rows])
     found = list(zip(rows[starts].tolist(), (rows[stops - 1] + 1).tolist(), strict=True))
@@ -93,61 +95,67 @@ class _Record:
         enough = 0.5 * max(1, *count)  # an axis that stopped costs the others nothing
         alive = [i for i, column in enumerate(values.T) if count[i] >= enough and np.fmin.reduce(column) < np.fmax.reduce(column)]
         self.size = len(values)
-        self.present = np.logical_and.reduce([known[:, i] for i in alive]) if alive else np.zeros(self.size, bool)
+        self.present = functools.reduce(np.logical_and, known.T[alive]) if alive else np.zeros(self.size, bool)
         self.index = np.flatnonzero(self.present)
         self.columns = [values[:, i] if len(self.index) == self.size else values[self.index, i] for i in alive]
-        self.columns = [column - _quantile(column[:: len(column) // SAMPLE + 1], 0.5) for column in self.columns if len(column)]
-        self.steps = [resolution(column) for column in self.columns]
+        # sums keep their digits about a level near the readings
+        self.columns = [column - quantile(column[:: len(column) // _BLOCK + 1], 0.5) for column in self.columns if len(column)]
+        self.steps = np.array([resolution(column) for column in self.columns])
         self.hidden = np.array([_hidden(column) for column in self.columns])
         self.longest = min(round(LONGEST * rate * len(self.index) / max(self.size, 1)), len(self.index) // (2 * _PAIRS))
-        self._sum()
+        self.sums, self.summed = self.columns, 1  # of so many samples in a row
         self.room = np.empty((len(self.columns), len(self.index)))  # for the looks of any lag
         self.tails = False  # whether single outliers are tails of the noise
         self.lags = max(self.longest, 1).bit_length()
-        step = max(self.longest // 4, 1)
-        h = self.longest // step * step
-        self.slow = self._spread(self.looks(h, step), h) if h else np.ones(0)
 
-    def _sum(self) -> None:
-        self.sums = np.zeros((len(self.columns), len(self.index) + 1))
-        for row, column in zip(self.sums, self.columns, strict=True):
-            row[1:] = column
-            running_sum(row[1:])
+    @functools.cached_property
+    def slow(self) -> np.ndarray:
+        """Robust spread of the looks of each axis at the longest lag."""
+        lag = min(self.longest, _STEPS)
+        step = self.longest // lag
+        whole = np.arange(len(self.index) // step) * step
+        means = [np.convolve(np.add.reduceat(column[: len(whole) * step], whole), np.ones(lag), "valid") for column in self.columns]
+        return self._spread(np.array([(one[lag:] - one[:-lag]) ** 2 for one in means]), lag * step) / (lag * step)
 
-    def looks(self, h: int, step: int) -> np.ndarray:
-        """(axes, looks) squares of the looks d at every `step` samples, the first at sample h, a multiple of the step; in parts that fit a
-        cache.
+    def looks(self, h: int) -> np.ndarray:
+        """(axes, looks) squares of h times the looks d, h a power of two, the first at sample h, at every sample or `_STEPS` in a lag.
+
+        Sums over h are those of two halves; they are computed in parts that fit a cache.
         """
-        out = self.room[:, : max((len(self.index) - 2 * h) // step + 1, 0)]
+        step = max(h // _STEPS, 1)
+        while self.summed < step:
+            self.sums, self.summed = [c[: len(c) // 2 * 2 : 2] + c[1::2] for c in self.sums], 2 * self.summed
         lag = h // step
+        out = self.room[:, : max(len(self.index) // step - 2 * lag + 1, 0)]
         for row, c in zip(out, self.sums, strict=True):
             for first in range(0, len(row), SAMPLE):
                 d = row[first : first + SAMPLE]
-                before, after = (c[i : i + step * (len(d) + lag - 1) + 1 : step] for i in (first * step, first * step + h))
-                means = after - before
-                means *= 1.0 / h
-                np.subtract(means[lag:], means[:-lag], out=d)
+                total, width = c[first : first + len(d) + 2 * lag - 1], 1
+                while width < lag:
+                    total, width = total[width:] + total[:-width], 2 * width
+                np.subtract(total[lag:], total[:-lag], out=d)
                 d *= d
         return out
 
     def _spread(self, looks: np.ndarray, h: int) -> np.ndarray:
-        """Robust spread of the looks of each axis, which is known to half the step of a mean."""
-        found = []
-        for squares, step, hidden in zip(looks, self.steps, self.hidden, strict=True):
-            sizes = np.sqrt(_quantile(squares[:: len(squares) // SAMPLE + 1], *_SPREADS))
-            found.append(np.max(sizes / list(_SPREADS.values())) + max(0.5 * step / h, hidden / np.sqrt(h)))
-        return np.array(found)
+        """Robust spread of h times the looks of each axis, where means are known to half a step of the values."""
+        sizes = np.sqrt(quantile(looks[:, :: looks.shape[1] // SAMPLE + 1], *_SPREADS)) / list(_SPREADS.values())
+        return sizes.max(axis=1) + np.maximum(0.5 * self.steps, self.hidden * np.sqrt(h))
 
     def events(self, h: int) -> np.ndarray:
         """(size,) whether a reading belongs to an event at lag h."""
         out = np.zeros(self.size, bool)
-        step = max(h // 4, 1)
-        looks = self.looks(h, step)  # none, if events have taken most of the record
+        step = max(h // _STEPS, 1)
+        looks = self.looks(h)  # none, if events have taken most of the record
         axes, count = looks.shape
         if count < 2 * _PAIRS:
             return out
         energy = np.einsum("abk->ab", _blocks(looks)) / _BLOCK
-        gross = np.any(energy > _GROSS * (_quantile(energy, 0.25) + self.hidden**2)[:, None], axis=0)
+        gross = np.any(energy > _GROSS * (quantile(energy, 0.25) + (h * self.hidden) ** 2)[:, None], axis=0)
+        chance = 0.5 * CHANCE / self.lags  # half for single looks, half for the energy of blocks of looks
+        limit = _limit(axes, len(self.index) / h, chance / count)
+        if axes == 1 and not gross.any() and _surely_below(looks, limit) and not _loud(energy[0], chance).any():
+            return out
         still = looks
         if gross.any() and (quiet := np.append(np.repeat(~gross, _BLOCK), np.ones(count % _BLOCK, bool))).any():
             still = looks[:, quiet]
@@ -155,20 +163,19 @@ class _Record:
         if not spread.all():
             return out
         z = functools.partial(np.matmul, spread**-2)
-        chance = 0.5 * CHANCE / self.lags  # half for single looks, half for the energy of blocks of looks
-        limit = _limit(axes, len(self.index) / h, chance / count)
-        # in a block whose largest looks stay below the limit together, none exceeds it
-        high = np.flatnonzero(z(np.maximum.reduceat(looks, np.arange(0, count, _BLOCK), axis=1)) > limit)
-        near = (high[:, None] * _BLOCK + np.arange(_BLOCK)).ravel()
+        # where the largest looks of several blocks stay below the limit together, none exceeds it
+        wide = _STEPS * _BLOCK
+        high = np.flatnonzero(z(np.maximum.reduceat(looks, np.arange(0, count, wide), axis=1)) > limit)
+        near = (high[:, None] * wide + np.arange(wide)).ravel()
         near = near[near < count]
         size, total = z(looks[:, near]), z(energy)
-        whole = high[high < len(total)]
+        whole = near[near < len(total) * _BLOCK][::_BLOCK] // _BLOCK
         total[whole] = _blocks(np.minimum(size, limit))[: len(whole)].mean(axis=1)
-        loud = gross | _loud(total, axes, chance)
-        if not len(near) and not loud.any():
-            return out
+        loud = gross | (_loud(total, chance) & (total > axes))
         found = np.zeros(count, bool)
         found[near] = size > limit
+        if not found.any() and not loud.any():
+            return out
         starts, stops = runs(found)
         single = stops - starts <= 2 * h // step
         # single outliers at one lag, anywhere in the record: the swings of one event are near one another
@@ -192,29 +199,27 @@ class _Record:
 
     def drop(self, out: np.ndarray) -> None:
         """Take the rows of events out, and join the levels before and after."""
-        kept = ~out[self.index]
+        slow, kept = self.slow if self.longest else None, ~out[self.index]
         self.columns = [column[kept] for column in self.columns]
         self.index = self.index[kept]
-        self._sum()
-        self._level()
+        if slow is not None and slow.all():
+            self._level(slow)
+        self.sums, self.summed = self.columns, 1
 
-    def _level(self) -> None:
+    def _level(self, slow: np.ndarray) -> None:
         """Take out steps of the mean between parts of the record that are as long as the longest lag; shorter parts are events."""
         h = self.longest
         joints = np.flatnonzero(np.diff(self.index) > 1) + 1
         apart = np.diff(np.concatenate([[0], joints, [len(self.index)]]))
         joints = joints[(apart[1:] >= h) & (apart[:-1] >= h)]
-        if not len(joints) or not self.slow.all():
+        if not len(joints):
             return
-        shift = np.array([(c[joints + h] - 2.0 * c[joints] + c[joints - h]) / h for c in self.sums])
-        real = np.sum((shift / self.slow[:, None]) ** 2, axis=0) > _limit(len(self.columns), 2 * _PAIRS, CHANCE / len(joints))
-        if not real.any():
-            return
-        for column, moved in zip(self.columns, shift, strict=True):
+        shift = np.array([[c[at : at + h].mean() - c[at - h : at].mean() for at in joints.tolist()] for c in self.columns])
+        real = np.sum((shift / slow[:, None]) ** 2, axis=0) > _limit(len(self.columns), 2 * _PAIRS, CHANCE / len(joints))
+        for column, moved in zip(self.columns, shift * real, strict=True):
             step = np.zeros(len(column))
-            step[joints[real]] = moved[real]
+            step[joints] = moved
             column -= np.cumsum(step)
-        self._sum()
 
 
 def _hidden(column: np.ndarray) -> float:
@@ -234,25 +239,21 @@ def _blocks(values: np.ndarray) -> np.ndarray:
     return values[..., : count * _BLOCK].reshape(*values.shape[:-1], count, _BLOCK)
 
 
-def _quantile(values: np.ndarray, *shares: float) -> np.ndarray:
-    """Of the last axis, (..., shares) or (...) of a single one, ascending; the nearest values, much faster than `numpy.quantile`."""
-    found, first, count = [], 0, values.shape[-1]
-    for place in (round(share * (count - 1)) for share in shares):  # two places at once take several times as long
-        values = np.partition(values, place - first)[..., place - first :]  # a larger quantile lies among these
-        found.append(values[..., 0])
-        first = place
-    return np.stack(found, axis=-1) if len(shares) > 1 else found[0]
+def _surely_below(looks: np.ndarray, limit: float) -> bool:
+    """Whether no look (1, looks) of one axis can exceed the limit, found without the spread: half of them are too large for that."""
+    sample = looks[0, :: looks.shape[1] // SAMPLE + 1]
+    return bool(2 * np.count_nonzero(sample > _SPREADS[0.5] ** 2 / limit * looks.max()) > len(sample) + 1)
 
 
-def _loud(energy: np.ndarray, axes: int, chance: float) -> np.ndarray:
+def _loud(energy: np.ndarray, chance: float) -> np.ndarray:
     """Blocks whose energy exceeds the running median; the cube root of an energy is nearly normal (Wilson and Hilferty, 1931)."""
     total = np.cbrt(energy)
     if len(total) < _RUNNING:
         return np.zeros(len(total), bool)
     over = total - scipy.ndimage.median_filter(total, _RUNNING, mode="nearest")
-    scatter = 1.4826 * _quantile(np.abs(over), 0.5)
+    scatter = 1.4826 * quantile(np.abs(over), 0.5)
     limit = -_HEAVIER * scatter * scipy.special.stdtrit(EFFICIENCY * len(total), chance / len(total))
-    return (over > limit) & (total > np.cbrt(axes))
+    return over > limit
 
 
 def _loudest(excess: np.ndarray) -> tuple[int, int]:
@@ -301,7 +302,7 @@ def stuck(columns: list[np.ndarray]) -> np.ndarray:
     out = np.zeros(n, bool)
     for column in columns:
         equal = column[1:] == column[:-1]
-        share = float(np.mean(equal)) if n > 1 else 0.0
+        share = np.count_nonzero(equal) / max(n - 1, 1)
         if not 0.0 < 1.5 * share < 1.0:
             continue
         longest = max(np.log(1e-4 / n) / np.log(1.5 * share), 8.0)

@@ -9,6 +9,7 @@ import jax
 import numpy as np
 
 from .._answer import Finding, Quantity
+from .._arrays import transposed
 from .._errors import DataError
 from .._quality import checked_rate, checked_record
 from ..allan import Deviation
@@ -56,7 +57,7 @@ class Record:
         self.traced = not isinstance(y, np.ndarray)
         self.found = self.aside is None
         # samples of a channel beside one another: each step on every sixteenth number of a table takes several times as long
-        self.channels = list(y.T if self.traced else np.ascontiguousarray(y.T)) if y.ndim == 2 else [y]
+        self.channels = list(y.T if self.traced else transposed(y)) if y.ndim == 2 else [y]
         self.names = self.names or (tuple(f"channel {i}" for i in range(y.shape[1])) if y.ndim == 2 else ("",))
 
     @property
