@@ -5,10 +5,11 @@ from typing import Any
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from .._arrays import runs
+from .._arrays import quantile, runs
 from .._errors import DataError
 from .._log_findings import LOG
 from .._precision import real_numbers
+from .._quality import all_finite
 from .._timebase import WRAPS
 from ._stretch import Stretch
 
@@ -171,7 +172,7 @@ def at_own_rate(values: np.ndarray, rate: float) -> tuple[np.ndarray, float]:
     >>> found[:, 0].tolist(), rate
     ([1.0, 1.0, nan, 1.0], 10.0)
     """
-    there = np.flatnonzero(np.isfinite(values).any(axis=1))
+    there = np.zeros(0, int) if all_finite(values) else np.flatnonzero(np.isfinite(values).any(axis=1))
     steps = np.diff(there)
     if len(there) < 3 or np.median(steps) < 2:
         return values, rate
@@ -208,11 +209,11 @@ def _stopped(sensor: str, values: np.ndarray, rate: float, found: list[Stretch])
     stretches = []
     for axis, same in enumerate(equal.T):
         first, last = len(same) - int(np.argmin(same[::-1])), int(np.argmin(same))
-        for start, stop in ((first, len(same)), (0, last)):
+        for start, stop in ((a, b) for a, b in ((first, len(same)), (0, last)) if b - a >= STUCK):
             # a coarse axis repeats its values elsewhere, too; those of a dead band and of the end of the range are known
             rest = np.concatenate([same[:start], same[stop:]])
             known = {one.size if one.kind == "clipped" else 0.0 for one in found if one.kind in ("clipped", "zeroed") and axis in one.axes}
-            if stop - start < STUCK or not len(rest) or rest.mean() >= HIDDEN or values[start, axis] in known:
+            if not len(rest) or rest.mean() >= HIDDEN or values[start, axis] in known:
                 continue
             if equal[start:stop].mean(axis=0).min() < HIDDEN:
                 begins = start + (start > 0)
@@ -277,14 +278,15 @@ def _resampled(sensor: str, values: np.ndarray, rate: float, found: list[Stretch
             return []
         if one.kind == "held":
             out |= masked(one, values, rate)[:, 0]
-    bent = np.diff(np.ascontiguousarray(values[: 2 * SAMPLE][~out[: 2 * SAMPLE]][:SAMPLE].T), 2)
+    first = values[: 2 * SAMPLE][~out[: 2 * SAMPLE]] if out[:SAMPLE].any() else values
+    bent = np.diff(first[:SAMPLE].T, 2)
     bent = bent[:, : scipy.fft.prev_fast_len(max(bent.shape[1], 1))]  # a transform of some lengths takes several times as long
-    usual = np.quantile(np.abs(bent), 0.9, axis=1, keepdims=True) if bent.shape[1] > STUCK**2 else np.zeros(1)
+    usual = quantile(np.abs(bent), 0.9)[:, None] if bent.shape[1] > STUCK**2 else np.zeros(1)
     if not usual.all():
         return []
     spectrum = np.fft.rfft(bent)  # without a hum, which beats with the rate, too
     height = np.abs(spectrum)
-    spectrum /= np.maximum(height / (_LINE * np.median(height, axis=1, keepdims=True)), 1.0)
+    spectrum /= np.maximum(height / (_LINE * quantile(height, 0.5)[:, None]), 1.0)
     second = np.abs(np.fft.irfft(spectrum, bent.shape[1])) / usual
     size = np.minimum(second, 1.0).sum(axis=0)
     power = np.abs(np.fft.rfft(size - size.mean())) ** 2
@@ -338,13 +340,10 @@ def _nearby(steps: np.ndarray) -> np.ndarray:
 def common_step(steps: np.ndarray) -> float:
     """The step of which all are whole multiples, or 0."""
     steps = steps[steps > 0]
-    if len(steps) < FEW:
+    if len(steps) < FEW or steps.max() > _DIGITS * (smallest := float(steps.min())):
         return 0.0
-    smallest = float(steps.min())
-    if steps.max() > _DIGITS * smallest:
-        return 0.0
-    counts = steps / smallest
-    return smallest if np.abs(counts - np.round(counts)).max() < 0.01 else 0.0
+    counts = (part / smallest for part in (steps[:STUCK], steps))  # the first ones settle it for most
+    return smallest if all(np.abs(count - np.round(count)).max() < 0.01 for count in counts) else 0.0
 
 
 def _warm_up(sensor: str, values: np.ndarray, rate: float, unit: str) -> list[Stretch]:
@@ -354,9 +353,9 @@ def _warm_up(sensor: str, values: np.ndarray, rate: float, unit: str) -> list[St
     count = len(values) // part if part else 0
     if count < FEW:
         return []
-    parts = values[: count * part].reshape(count, part // second, second, values.shape[1])
+    parts = values[: count * part].T.reshape(-1, count, part // second, second)
     with np.errstate(invalid="ignore"):
-        medians = np.median(parts.mean(axis=2), axis=1)
+        medians = np.median(parts.mean(axis=3), axis=2).T
     medians = medians[np.isfinite(medians).all(axis=1)]
     if len(medians) < FEW:
         return []

@@ -133,7 +133,8 @@ def numbers_of(table: Any, index: int, *, dates: bool = False) -> np.ndarray:
 
 
 def _present(table: Any, index: int) -> bool:
-    return is_number(table, index) and (table.columns[index].dtype.kind != "f" or bool(np.isfinite(table.columns[index]).any()))
+    column = table.columns[index]
+    return is_number(table, index) and (column.dtype.kind != "f" or any(np.isfinite(part).any() for part in (column[:1], column)))
 
 
 def _by_odds(table: Any, columns: Columns, found: Selection, triples: list[Triple]) -> dict[str, list[Triple]]:

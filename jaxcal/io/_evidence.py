@@ -10,6 +10,7 @@ import itertools
 
 import numpy as np
 
+from .._arrays import quantile
 from .._quality import all_finite
 from .._units import STANDARD_GRAVITY
 from ..evidence._values import FEW, SAMPLE
@@ -79,14 +80,14 @@ def noise_floor(values: np.ndarray) -> float:
     The function uses third differences, which suppress motion; for white noise of standard deviation s theirs is sqrt(20) s.
     """
     seen = values[:PIECE]
-    seen = seen[np.isfinite(seen).all(axis=1)]
+    seen = seen if all_finite(seen) else seen[np.isfinite(seen).all(axis=1)]
     width = max(8, len(seen) // 50)
     count = len(seen) // width
     if not count:
         return 0.0
-    steps = np.abs(np.diff(seen[: count * width].reshape(count, width, -1), n=3, axis=1))
+    steps = np.abs(np.diff(seen[: count * width].T.reshape(-1, count, width), n=3))
     # 1.4826 converts the median absolute value of normal noise to a standard deviation
-    each = 1.4826 / np.sqrt(20.0) * np.median(np.median(steps, axis=1), axis=1)
+    each = 1.4826 / np.sqrt(20.0) * np.median(quantile(steps, 0.5), axis=0)
     return float(np.quantile(each, 0.1))
 
 
@@ -105,13 +106,17 @@ def normalised(values: np.ndarray) -> float | None:
 # the step
 
 
-def steps_fit(differences: np.ndarray, size: float) -> bool:
-    """Whether differences, in ascending order, are multiples of a step of this size to one part in 2500, and some are only a few steps."""
+def steps_fit(differences: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """Whether differences, in ascending order, are multiples of a step of each size to one part in 2500, and some are only a few steps."""
     # the tests that reject most come before those that take long
-    least, half, few, most = np.searchsorted(differences, size * np.array([0.02, 0.5, 4.5, 300.0]))
-    if most - least < 30 or half - least > 0.02 * (most - least) or few - least < 3:
-        return False
-    near = differences[least:most]
+    least, half, few, most = np.searchsorted(differences, np.outer([0.02, 0.5, 4.5, 300.0], sizes))
+    fits = (most - least >= 30) & (half - least <= 0.02 * (most - least)) & (few - least >= 3)
+    for i in np.flatnonzero(fits):
+        fits[i] = _multiples(differences[least[i] : most[i]], sizes[i])
+    return fits
+
+
+def _multiples(near: np.ndarray, size: float) -> bool:
     some = near[:: len(near) // 1000 + 1] / size
     if np.mean(np.abs(some - np.round(some))) > 0.225:  # 0.25 of any values, and 0.21 at most of such steps: 300 times 1/2500 and 0.09
         return False
@@ -127,11 +132,10 @@ def steps_fit(differences: np.ndarray, size: float) -> bool:
 def _differences(values: np.ndarray) -> list[np.ndarray]:
     """Absolute differences between successive samples of every channel, without zeros, in ascending order."""
     found = []
-    for channel in values[:PIECE].T:
+    for channel in values[:SAMPLE].T:
         difference = np.abs(np.diff(channel))
-        difference = difference[np.isfinite(difference) & (difference > 0)]
         # values that differ only by rounding count as equal
-        floor = 1e-6 * float(np.max(np.abs(channel[np.isfinite(channel)]), initial=0.0))
+        floor = 1e-6 * max(np.fmax.reduce(channel, initial=0.0), -np.fmin.reduce(channel, initial=0.0))
         found.append(np.sort(difference[difference > floor]))
     return [difference for difference in found if len(difference) >= 30]
 
@@ -142,12 +146,9 @@ def step_unit(sensor: str, values: np.ndarray) -> tuple[str, str] | None:
     if not differences:
         return None
     units = {"gyro": {"deg/s": (1.0,), "rad/s": (np.radians(1.0),)}, "accel": {"g": (1.0,), "m/s^2": (STANDARD_GRAVITY, 9.81, 9.8)}}[sensor]
-    found = {
-        unit: known
-        for unit, ones in units.items()
-        for known, one in itertools.product(_COUNTS[sensor], ones)
-        if sum(steps_fit(difference, known * one) for difference in differences) > len(differences) / 2
-    }
+    tried = [(unit, known, known * one) for unit, ones in units.items() for known, one in itertools.product(_COUNTS[sensor], ones)]
+    fits = np.sum([steps_fit(difference, np.array([size for *_, size in tried])) for difference in differences], axis=0)
+    found = {unit: known for (unit, known, _), count in zip(tried, fits, strict=True) if count > len(differences) / 2}
     if len(found) != 1:
         return None
     unit, known = next(iter(found.items()))
@@ -223,13 +224,14 @@ def field_size(values: np.ndarray) -> tuple[float, str]:
     if values.shape[1] == 3 and len(seen) > 10:
         centred = seen - seen.mean(axis=0)
         size = np.sqrt(np.mean(np.sum(centred**2, axis=1)))
-        if 0 < size < np.inf and np.linalg.svd(centred / size, compute_uv=False)[-1] > 0.1 * np.sqrt(len(seen)):
-            # |v|^2 = 2 c.v + r^2 - |c|^2 is linear in c and the constant
-            unit = centred / size
-            unknowns = np.linalg.lstsq(np.column_stack([2 * unit, np.ones(len(seen))]), np.sum(unit**2, axis=1), rcond=None)[0]
-            radius = np.sqrt(max(0.0, unknowns[3] + unknowns[:3] @ unknowns[:3]))
+        unit = centred / size if 0 < size < np.inf else np.zeros_like(centred)
+        scatter = unit.T @ unit / len(unit)
+        if np.linalg.eigvalsh(scatter)[0] > 0.1**2:
+            # |v|^2 = 2 c.v + r^2 - |c|^2 is linear in c and the constant; the mean of v is zero, and that of |v|^2 one
+            middle = np.linalg.solve(2.0 * scatter, np.sum(unit**2, axis=1) @ unit / len(unit))
+            radius = np.sqrt(1.0 + middle @ middle)
             # noise fills the sphere instead of lying on its surface
-            lies = np.std(np.linalg.norm(unit - unknowns[:3], axis=1)) < 0.25 * radius
+            lies = np.std(np.linalg.norm(unit - middle, axis=1)) < 0.25 * radius
             # a radius much smaller than the vectors is the noise of a sensor at rest
             if lies and size * radius > 0.05 * np.median(np.linalg.norm(seen, axis=1)):
                 return float(size * radius), "sphere radius"

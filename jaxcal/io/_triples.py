@@ -172,7 +172,7 @@ def _fourth(name: str, names: list[str]) -> bool:
 def weigh_values(one: Triple, table: Any, wanted: str | None, *, nameless: bool = False) -> None:
     """Add the odds by the name of the file, by the sensor that the command needs, and by the values."""
     values = _readings(table, one.columns)
-    if len(values) > 1 and (values == values[0]).all():
+    if len(values) > 1 and (values[[0, -1]] == values[0]).all() and (values == values[0]).all():
         return  # a fact about the recording, which stands in every row
     said = {"by the file's name": file_kind(table.stem), "by the word that stands in every row": table.word, "as the command needs": wanted}
     for why, kind in said.items():
