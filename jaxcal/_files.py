@@ -5,6 +5,7 @@ import functools
 import hashlib
 import importlib.metadata
 import json
+import math
 import os
 import pathlib
 import platform
@@ -188,9 +189,11 @@ def json_text(document: dict[str, Any]) -> str:
 
 
 def _layout(value: Any, indent: str) -> str:
+    if type(value) is float and math.isfinite(value):  # an encoder takes several times as long for a single number
+        return repr(value)
     inner = indent + "  "
     if isinstance(value, dict) and value:
-        entries = (f"{inner}{_plain(key)}: {_layout(item, inner)}" for key, item in value.items())
+        entries = [f"{inner}{_plain(key)}: {_layout(item, inner)}" for key, item in value.items()]
         return "{\n" + ",\n".join(entries) + f"\n{indent}}}"
     if isinstance(value, (list, tuple)) and any(isinstance(item, dict) for item in value):
         return "[\n" + ",\n".join(inner + _layout(item, inner) for item in value) + f"\n{indent}]"

@@ -295,4 +295,4 @@ class Results(_Said, Mapping[str, R], Generic[R]):
         return (*found, *self._left_out)
 
     def _fields(self) -> dict[str, Any]:
-        return {"channels": {name: plain(getattr(result, "_fields")()) for name, result in self.items()}}  # noqa: B009
+        return {"channels": {name: getattr(result, "_fields")() for name, result in self.items()}}  # noqa: B009

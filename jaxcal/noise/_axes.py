@@ -20,7 +20,7 @@ from ._model import Noise
 #: information, in ordinates of pure white noise, below which no correlation is computed; ratio of an ordinate to its expectation that only
 #: a line or a step exceeds: one in 2e7 ordinates of noise does
 _FEWEST, _LARGEST = 100.0, 30.0
-_DENSITIES = 2000  # frequencies, evenly spaced in their logarithm, at which the density of a model is computed
+_DENSITIES = 500  # frequencies, evenly spaced in their logarithm, at which the density of a model is computed
 
 
 class Correlation(Result):
@@ -115,7 +115,7 @@ def correlation(y: Samples, rate: Numbers, fits: Sequence[Any], *, confidence: f
     if np.any(strength <= 0.0):
         raise DataError(f"axis {int(np.argmin(strength))} has no white noise, N = 0: there is nothing to be correlated")
     gone = np.isnan(record).any(axis=1)
-    start, stop = longest_run(~gone)
+    start, stop = longest_run(~gone) if gone.any() else (0, len(gone))
     said = [FINDINGS("stretch", start=int(start), stop=int(stop))] if gone.any() else []
     # a transform of some lengths takes several times as long as of others nearby
     part = np.ascontiguousarray(record[start : start + scipy.fft.prev_fast_len(stop - start)].T)
@@ -124,22 +124,28 @@ def correlation(y: Samples, rate: Numbers, fits: Sequence[Any], *, confidence: f
         raise DataError(f"the longest stretch without gaps has {n} samples; a correlation needs {_FEWEST:.0f} at least")
     white = np.asarray(scipy.fft.dct(part - part.mean(axis=1, keepdims=True), norm="ortho"))[:, 1:]
     edges = np.unique(np.geomspace(1.0, n, _DENSITIES).astype(int))  # between two of them the densities hardly change
+    starts, width = edges[:-1] - 1, np.diff(edges)
     frequency = (edges[:-1] + edges[1:] - 1) / 2.0 * (rate / (2.0 * n))
-    root = np.sqrt([np.asarray(model.psd(frequency, dt=1.0 / rate)) for model in models])
-    share, width = strength[:, None] / root, np.diff(edges)
-    white *= np.repeat(1.0 / (root * np.sqrt(rate)), width, axis=1)
-    square = white * white
-    lines = np.any(square >= _LARGEST, axis=0)
-    white[:, lines] = square[:, lines] = 0.0
-    width = np.add.reduceat(~lines, edges[:-1] - 1, dtype=float)
+    parts = [model.parts for model in models]
+    terms = {id(term): term for one in parts for *_, term in one}  # which the models share
+    shapes = {place: np.asarray(term.psd(frequency, 1.0 / rate)) for place, term in terms.items()}
+    density = np.array([sum(size**2 * shapes[id(term)] for _, size, term in one) for one in parts])
+    largest = _LARGEST * rate * density
+    for i in np.flatnonzero(np.any(np.maximum.reduceat(white**2, starts, axis=1) >= largest, axis=0)):
+        part = white[:, starts[i] : starts[i] + width[i]]
+        lines = np.any(part**2 >= largest[:, i, None], axis=0)
+        part[:, lines] = 0.0
+        width[i] -= np.count_nonzero(lines)
+    share = strength[:, None] ** 2 / density
+    sums = np.array([[np.add.reduceat(one * other, starts) for other in white] for one in white])
+    both = np.einsum("ib,jb,ijb->ij", *[share / (strength[:, None] * np.sqrt(rate))] * 2, sums)
     # sum for each axis alone, minus its other noise: scatter common to both sums cancels, and so does a small error of the fitted level
-    own = np.sum(share**2 * (np.add.reduceat(square, edges[:-1] - 1, axis=1) + width * (share**2 - 1.0)), axis=1)
+    own = np.diagonal(both) + np.sum(width * share * (share - 1.0), axis=1)
     if not np.all(own > 0.0):
         raise DataError("white noise does not stand out in all axes; there is no correlation to find", code="no_white")
-    white *= np.repeat(share, np.diff(edges), axis=1)
-    rho = white @ white.T / np.sqrt(np.outer(own, own))
+    rho = both / np.sqrt(np.outer(own, own))
     np.fill_diagonal(rho, 1.0)
-    information = (width * share**2) @ (share**2).T
+    information = (width * share) @ share.T
     if np.min(information) < _FEWEST:
         raise DataError(f"white noise is worth {np.min(information):.0f} ordinates only; a correlation needs {_FEWEST:.0f}: N is too small")
     reach = float(scipy.special.ndtri(0.5 + confidence / 2.0)) / np.sqrt(information)

@@ -189,7 +189,7 @@ def characterise(
         fits = iter(_of_sensors(records, (own, method, terms, confidence, band)))
         for record in records:
             axes = dict(zip(record.names, fits, strict=False))
-            said, first = findings_of_axes(np.stack(record.channels, axis=1), own, axes) if len(axes) > 1 else (), record.names[0]
+            said, first = findings_of_axes(np.array(record.channels).T, own, axes) if len(axes) > 1 else (), record.names[0]
             found |= axes | {first: replaced(axes[first], findings=(*axes[first].findings, *said))}
     report(len(channels), len(channels), "")
     return NoiseFits(
