@@ -98,7 +98,7 @@ def fit(
     >>> readings = simulate(angles, np.deg2rad([2.0, -1.0, 40.0]), 0.6, accel=accel, gyro=gyro)
     >>> found = fit(readings, 0.6)
     >>> print(np.rad2deg(found.psi).round(1), np.rad2deg(found.azimuth_std).round(3))
-    40.0 0.012
+    40.0 0.019
 
     References
     ----------

@@ -150,7 +150,7 @@ def _seconds(values: AnyArray, rate: float) -> _Seconds | None:
     """Means and scatter over each second; None without three whole seconds."""
     width = max(4, round(rate))
     count = len(values) // width
-    blocks = np.asarray(values)[: count * width].T.reshape(-1, count, width)
+    blocks = np.asarray(values)[: count * width].T.reshape(values.shape[1], count, width)
     found = _Seconds(blocks.mean(axis=2).T, np.linalg.norm(blocks.std(axis=2), axis=0))
     found.mean[~found.whole] = np.nan
     return found if np.count_nonzero(found.whole) > 2 else None
