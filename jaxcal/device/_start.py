@@ -127,7 +127,7 @@ def started(record: Record, mag: np.ndarray) -> Start:
     gyro = axes_of(record.accel, record.gyro, 1 / record.grid.step, ("gyroscope", "accelerometer")).T
     vector[AT["gyro.matrix"]] = gyro.ravel()
     rates = record.gyro @ gyro
-    iron, hard, strength, axes = _ellipsoid(record, mag, rates) or (*_turned(record, mag, rates), np.eye(3))
+    iron, hard, strength, axes = _ellipsoid(record, mag, rates) or _turned(record, mag, rates)
     vector[AT["magnetometer.soft_iron"]], vector[AT["magnetometer.hard_iron"]] = iron.ravel(), hard / strength
     record.mag = record.mag / strength
     way, dip = followed(record, vector)
@@ -151,23 +151,27 @@ def _ellipsoid(record: Record, mag: np.ndarray, rates: np.ndarray) -> tuple[np.n
     return np.asarray(found.model.soft_iron) @ axes, np.asarray(found.model.hard_iron), float(found.field), axes
 
 
-def _turned(record: Record, mag: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """The same from the rotation of the readings about the hard iron. Along directions without rotation, it stays at the mean reading."""
+def _turned(record: Record, mag: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
+    """The same from the rotation of the readings about the hard iron, which stays at the mean reading along directions without rotation."""
     index = np.flatnonzero(record.there)
     index = index[:: max(round(0.1 / record.grid.step), 1)]
     total = np.cumsum(np.concatenate([np.zeros((1, 3)), rates[1:] + rates[:-1]]), axis=0) * record.grid.step / 2
     back = from_vector(-np.diff(total[index], axis=0))
-    mean = mag[index].mean(axis=0)
+    mean, turns, tried = mag[index].mean(axis=0), axis_turns(), []
     y = mag[index] - mean
-    rows = np.eye(3) - back
-    left = y[1:] - np.einsum("kab,kb->ka", back, y[:-1])
-    normal = np.einsum("kba,kbc->ac", rows, rows)
-    # directions in which the readings hardly change keep the mean
-    centre = np.linalg.pinv(normal, UNSEEN**2, hermitian=True) @ np.einsum("kba,kb->a", rows, left)
+    for turn in turns:
+        rows = np.eye(3) - turn @ back @ turn.T
+        left = y[1:] - y[:-1] + np.einsum("kab,kb->ka", rows, y[:-1])
+        normal = np.einsum("kba,kbc->ac", rows, rows)
+        # directions in which the readings hardly change keep the mean
+        centre = np.linalg.pinv(normal, UNSEEN**2, hermitian=True) @ np.einsum("kba,kb->a", rows, left)
+        tried.append((float(np.sqrt(np.mean((left - rows @ centre) ** 2))), centre))
+    best = clearest(np.array([scatter for scatter, _ in tried]), alone=True)
+    centre, axes = tried[best][1], turns[best]
     strength = float(np.sqrt(np.mean(np.sum((y - centre) ** 2, axis=1))))
     if not strength > 0:
         raise DataError("the magnetometer's readings are all alike; turn the device through all attitudes", code="dead")
-    return np.eye(3), mean + centre, strength
+    return axes, mean + centre, strength, axes
 
 
 def followed(record: Record, vector: np.ndarray) -> tuple[Way, float]:

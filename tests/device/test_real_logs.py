@@ -71,3 +71,13 @@ def test_a_real_log_agrees_with_its_magnetometer_alone_and_with_the_cameras(broa
     # their attitudes and gravity give this bias of the accelerometer, to about 0.02 m/s^2
     low, high = found.estimate.select("accel.bias*").intervals().T
     assert ((low - 0.02 < [-0.005, 0.005, -0.027]) & (high + 0.02 > [-0.005, 0.005, -0.027])).all()
+
+
+@pytest.mark.long
+def test_axes_are_named_where_the_magnetometer_shows_no_ellipsoid(reference):
+    path = reference / "data" / "logs" / "fusion_sensor_data.csv"
+    if not path.exists():
+        pytest.skip(f"no log at {path}")
+    log, turn = jaxcal.read(path, quiet=True), np.eye(3)[[1, 2, 0]]
+    found = jaxcal.device.fit(jaxcal.Log(None, accel=log.accel, gyro=log.gyro, mag=log.mag @ turn.T, rate=log.rate))
+    assert [(*one.subject, one.facts["typed"]) for one in found.findings if one.code == "other_axes"] == [("magnetometer", "mag=z,x,y")]
