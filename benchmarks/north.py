@@ -125,6 +125,8 @@ def lacks(runs):
     cases += [("4 x 120 s", name, {"known": known}) for name in FAULTS if "alike" not in name for known in (True, False)]
     cases += [(plan, name, {}) for plan in ("8 mirrored x 60 s", "16 in pairs x 30 s") for name in FAULTS]
     cases += [("4 x 120 s", name, {"axes": 3}) for name in ("none", "angles off by 0.05 deg", "angles off by 0.1 deg")]
+    both = ("none", "angles off by 0.1 deg", "angles off by 0.1 deg, at each alike")
+    cases += [(plan, name, {"known": False}) for plan in ("8 mirrored x 60 s", "16 in pairs x 30 s") for name in both]
     bound = world.GYRO[0] * np.sqrt(2 / 480.0) / (world.EARTH * np.cos(world.LATITUDE))
     for plan, name, options in cases:
         given, held, off, half, named, good, bad = [], [], [], [], [], [], []

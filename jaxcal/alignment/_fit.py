@@ -60,8 +60,8 @@ def fit(
     The fit looks for a drift of the gyro's bias and for a tilting base. It includes what the readings show, and otherwise its errors allow
     for what they do not exclude; an order of positions in which a drift cancels keeps them small. A drift that you name in `free`, `priors`
     or `start` turns this off: ``start={"b_g_rate": 0.0}`` says that nothing drifts. The errors also allow for errors of the table's angles
-    that the readings do not exclude, unless `Positions.angle_std` gives their size (0 for exact angles). Without a given noise, the errors
-    are those of the residuals.
+    that the readings do not exclude, unless `Positions.angle_std` gives their size (0 for exact angles). Without a given noise, the noise
+    of the residuals takes the place of the look for a drift and a tilt.
 
     Parameters
     ----------

@@ -9,7 +9,7 @@ import numpy as np
 
 from .._answer import Finding, Quantity
 from .._arrays import padded as long
-from .._special import chi_square_tail
+from .._special import chi_square_tail, student_quantile
 from ..fitting import Estimate
 from ..fitting._missing import LEVEL, Missing, missing
 from ._findings import FINDINGS, has_number
@@ -33,8 +33,8 @@ def checked(
     """A fit after a look for what it leaves out: with what the readings show; its errors allow for what they nearly show.
 
     A term that the model lacks is there with the odds LEVEL / `Missing.level`, which are even where a term counts as shown. The covariance
-    is that of the mixture of all answers, about the most probable one. Both grow and shrink with the noise. Errors of a noise that comes
-    from the residuals hold a drift already.
+    is that of the mixture of all answers, about the most probable one. Both grow and shrink with the noise. A noise that comes from the
+    residuals holds a drift already, but not errors of the angles, which are larger at some angles than at others.
 
     Parameters
     ----------
@@ -42,8 +42,8 @@ def checked(
     spare : sensor -> degrees of freedom of its residuals; None if the caller says what drifts.
     refit : (readings, start) -> fit of these readings, without such a look; a sensor without a noise takes that of its residuals.
     """
-    said, spare = ([], {}) if spare is None else (_order(found), spare)
-    if not found.noise_known or not has_number(found.outcome) or np.any(found.lost):
+    said, spare = ([], {}) if spare is None else (_order(found), spare if found.noise_known else {})
+    if not has_number(found.outcome) or np.any(found.lost):
         return dataclasses.replace(found, findings=(*found.findings, *said))
     first, readings, look = found, found.readings, _Look(found, table, gravity, noise)
     states, allowed, effect = dict(found.estimate.states), np.zeros_like(found.covariance), np.zeros((2, len(found.readings.positions)))
@@ -77,10 +77,12 @@ def checked(
     made = lambda matrix: Estimate(own.names, own.values, matrix, wide.freedom, own.states | states, own.quantities)  # noqa: E731
     estimate = made(wide.matrix + allowed)
     if readings.positions.angle_std is None:
-        exact, estimate = estimate, made(estimate.matrix + look.angles())
+        # the degrees of freedom are those of the noise: what the angles add to an interval has none
+        narrow = student_quantile(np.inf, 0.975) / student_quantile(wide.freedom, 0.975)
+        exact, estimate = estimate, made(estimate.matrix + look.angles() * np.outer(narrow, narrow))
         least, most = (np.diff(one.intervals(), axis=1)[:3, 0] / 2 for one in (exact, estimate))
         level, azimuth = Quantity(float(max(least[:2])), "angle"), Quantity(float(least[2]), "angle")
-        if "misfit" not in found.codes:
+        if "misfit" not in found.codes and np.all(np.isfinite(most)):
             said += FINDINGS.over("angles_open", np.max(most / np.maximum(least, ROUNDING)), level=level, azimuth=azimuth)
     return dataclasses.replace(found, estimate=estimate, readings=readings, findings=(*found.findings, *said))
 
