@@ -18,6 +18,8 @@ os.environ.setdefault(
     "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true --xla_cpu_parallel_codegen_split_count=1"
     + (" --xla_cpu_use_fusion_emitters=false" if importlib.metadata.version("jaxlib") < "0.11" else ""),
 )
+# Without bytecode each of a hundred processes that the tests start compiles the package anew.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 # If two processes use two threads each for linear algebra, they wait for one another, and thermal fits take four times as long.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 import beartype

@@ -65,6 +65,7 @@ def test_code_is_python(page):
         ast.parse(code)
 
 
+@pytest.mark.long
 def test_differentiable_experiments_run():
     """The examples of the page, one after the other as one program, and what the text says of their numbers."""
     codes = re.findall(r"```python\n(.*?)```", (ROOT / "docs/tasks/differentiable.md").read_text(encoding="utf-8"), re.DOTALL)

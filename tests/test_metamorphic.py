@@ -139,7 +139,7 @@ def test_magnetometer_readings_twice_are_half_the_variance(ball):
 # --- Thermal models
 
 
-@pytest.mark.parametrize("model", ["polynomial", "table"])
+@pytest.mark.parametrize("model", ["polynomial", pytest.param("table", marks=pytest.mark.long)])
 def test_temperature(model):
     """Curves are linear in the biases; a polynomial does not depend on the zero of the temperature scale."""
     rng = np.random.default_rng(0)

@@ -16,7 +16,7 @@ SIMULATED = {
     "noise": (("noise", "--gyro", "N=0.25deg/sqrt(h),B=8deg/h", "--duration", "300"), ()),
     "allan": (("noise", "--gyro", "N=0.25deg/sqrt(h)", "--duration", "60"), ()),
     "psd": (("noise", "--gyro", "N=0.25deg/sqrt(h)", "--duration", "60"), ()),
-    "temperature": (("temperature", "--duration", "3600"), ()),
+    "temperature": (("temperature", "--duration", "2400"), ()),
     "mag": (("mag", "--samples", "300"), ()),
     "imu": (("imu", "--rate", "50", "--poses", "20"), ()),
     "device": (("device", "--duration", "60", "--rate", "50", "--seed", "11"), ("--gravity", "9.80665")),
@@ -113,7 +113,7 @@ def check(answer, most):
     assert len([line for line in lines if line.startswith(" - ")]) <= 3 + len([one for one in findings if one.kind.guess])
 
 
-@pytest.mark.parametrize("command", SIMULATED)
+@pytest.mark.parametrize("command", [pytest.param(one, marks=[pytest.mark.long] * (one in ("temperature", "mag"))) for one in SIMULATED])
 def test_a_simulated_log_has_one_answer(tmp_path, capsys, monkeypatch, command):
     simulate, options = SIMULATED[command]
     log = tmp_path / "log.csv"

@@ -43,8 +43,10 @@ FOUR, MIRRORED = world.PLANS["4 x 120 s"], world.PLANS["8 mirrored x 60 s"]
 @pytest.mark.parametrize(
     ("plan", "kind", "parts"),
     [
-        (FOUR, "linear", True), (FOUR, "linear", False), (FOUR, "exponential", True), (MIRRORED, "quadratic", True),
-        (MIRRORED, "exponential", False), (world.PAIRS, "exponential", True), (world.PAIRS, "step", True),
+        (FOUR, "linear", True), (FOUR, "linear", False), (MIRRORED, "quadratic", True),
+        *(pytest.param(*one, marks=pytest.mark.long) for one in (
+            (FOUR, "exponential", True), (MIRRORED, "exponential", False), (world.PAIRS, "exponential", True), (world.PAIRS, "step", True),
+        )),
     ],
 )  # fmt: skip
 def test_a_drift_is_named_and_the_azimuth_holds_or_is_withheld(plan, kind, parts):
@@ -55,7 +57,7 @@ def test_a_drift_is_named_and_the_azimuth_holds_or_is_withheld(plan, kind, parts
     assert plan is not world.PAIRS or off[2] < 1.3 * results(plan, runs)[2][2]  # with the same noise
 
 
-@pytest.mark.parametrize("plan", [FOUR, MIRRORED, world.PAIRS], ids=["four", "mirrored", "pairs"])
+@pytest.mark.parametrize("plan", [FOUR, *(pytest.param(plan, marks=pytest.mark.long) for plan in (MIRRORED, world.PAIRS))])
 def test_without_a_drift_nothing_is_found_and_the_estimate_is_as_good_as_before(plan):
     runs = 60
     found, held, off = results(plan, runs)
@@ -72,14 +74,15 @@ def test_without_a_drift_nothing_is_found_and_the_estimate_is_as_good_as_before(
 
 
 def test_a_step_that_four_positions_cannot_show_is_named_with_its_size_and_the_order_that_shows_it():
-    found, held, _ = results(FOUR, 30, kind="step", encoder=0.0)
+    runs = 10
+    found, held, _ = results(FOUR, runs, kind="step", encoder=0.0)
     assert held[2] < 1  # without a residual that would show it
     # what the terminal prints, whatever else there is to say
     said = [" ".join(str(one).split()) for one in found if one.verdict == "good"]
     assert said
     assert all(re.search(r"azimuth changes by up to [\d.]+ deg for each deg/h .* order 0, 180, 180, 0, 90, 270, 270, 90", x) for x in said)
     order = [one for result in found for one in result.findings if one.code == "drift_order"]
-    assert len(order) == 30
+    assert len(order) == runs
     # a step of 1 deg/h in the middle changes both harmonics by 0.5 deg/h, of 12.3
     assert max(one.facts["size"].value for one in order) == pytest.approx(np.sqrt(0.5) / (15.041 * np.cos(world.LATITUDE)), rel=0.05)
 
@@ -94,9 +97,9 @@ def test_a_tilting_base_is_named_and_errors_of_the_angles_are_no_tilt():
         assert np.all(held > 0.8)
 
 
-@pytest.mark.parametrize("plan", [FOUR, world.PAIRS], ids=["four", "pairs"])
-def test_the_intervals_allow_for_errors_of_the_angles_that_the_residuals_do_not_exclude(plan):
-    runs, plain, level = 30, [], []
+@pytest.mark.parametrize(("plan", "runs"), [(FOUR, 10), *(pytest.param(plan, 30, marks=pytest.mark.long) for plan in (FOUR, world.PAIRS))])
+def test_the_intervals_allow_for_errors_of_the_angles_that_the_residuals_do_not_exclude(plan, runs):
+    plain, level = [], []
     for encoder in (0.0, 0.05, 0.1):
         found, held, off = results(plan, runs, encoder=encoder * DEG, repeats=True)
         assert np.all(held > 0.95 - 3 * np.sqrt(0.95 * 0.05 / runs))

@@ -137,7 +137,7 @@ def test_gradients_are_finite_at_double_roots():
         assert np.isfinite(np.asarray(jax.grad(chosen)(gyro))).all()
 
 
-@pytest.mark.parametrize("method", AZIMUTH_METHODS)
+@pytest.mark.parametrize("method", [pytest.param(x, marks=[pytest.mark.long] * (x not in ("maximum", "opposed"))) for x in AZIMUTH_METHODS])
 def test_traced_as_on_the_host_and_differentiable(method):
     readings = at(20, -10, 60, 35)
     angles = jnp.asarray(np.array([20, -10]) * DEG)

@@ -15,6 +15,7 @@ from jaxcal.noise import Noise
 from .definition import differences, truth
 
 KINDS = ("adev", "oadev", "mdev", "tdev", "hdev", "ohdev")
+SOME = ["oadev", "mdev", "ohdev", *(pytest.param(one, marks=pytest.mark.long) for one in ("adev", "tdev", "hdev"))]
 M = [1, 2, 3, 5, 8, 13, 21, 34]
 
 
@@ -56,7 +57,7 @@ OFFSETS = st.sampled_from([0.0, 9.81, -300.0])
 slow = hypothesis.settings(max_examples=12, deadline=None, suppress_health_check=[hypothesis.HealthCheck.function_scoped_fixture])
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", SOME)
 @slow
 @hypothesis.given(length=LENGTHS, cuts=CUTS, seed=SEEDS, gaps=GAPS, offset=OFFSETS)
 def test_any_chunking_gives_the_deviation_of_the_whole(short_pieces, kind, length, cuts, seed, gaps, offset):
@@ -72,7 +73,7 @@ def test_any_chunking_gives_the_deviation_of_the_whole(short_pieces, kind, lengt
     assert found.codes == whole.codes
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", SOME)
 @slow
 @hypothesis.given(length=LENGTHS, cuts=CUTS, borders=st.lists(st.integers(1, 399), max_size=4), seed=SEEDS, gaps=GAPS, left=st.booleans())
 def test_merged_parts_give_the_deviation_of_the_whole(short_pieces, kind, length, cuts, borders, seed, gaps, left):

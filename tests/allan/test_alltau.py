@@ -46,7 +46,9 @@ def test_a_million_samples(kind, colour):
 
 
 @pytest.mark.parametrize("name", OVERLAPPED)
-@pytest.mark.parametrize("colour", ["white", "flicker", "random walk", "integrated random walk", "quantisation"])
+@pytest.mark.parametrize("colour", ["white", "integrated random walk", *(pytest.param(one, marks=pytest.mark.long) for one in (
+    "flicker", "random walk", "quantisation",
+))])  # fmt: skip
 def test_every_cluster_size_of_a_record(name, colour):
     y = record(colour, 12_000)
     found = deviation(y, 1.0, kind=name, m="all")

@@ -27,7 +27,7 @@ def test_edf_of_white_noise_as_published():
     np.testing.assert_allclose(degrees_of_freedom(m, 0, "oadev", 1024), published, rtol=2e-3)
 
 
-@pytest.mark.parametrize("kind", ["adev", "oadev", "mdev", "hdev", "ohdev"])
+@pytest.mark.parametrize("kind", ["oadev", *(pytest.param(one, marks=pytest.mark.long) for one in ("adev", "mdev", "hdev", "ohdev"))])
 @pytest.mark.parametrize(("alpha", "name"), TYPES)
 def test_edf_against_the_scatter_of_simulated_records(kind, alpha, name):
     samples, m = 256, np.array([1, 4, 16, 48])
@@ -97,7 +97,7 @@ def test_intervals_hold_where_few_averages_are_left(noise):
     assert coverage[6:].min() > 0.95 - 3.0 * np.sqrt(0.95 * 0.05 / runs)
 
 
-@pytest.mark.parametrize("samples", [3000, 1_000_000])
+@pytest.mark.parametrize("samples", [3000, pytest.param(1_000_000, marks=pytest.mark.long)])
 @pytest.mark.parametrize("kind", ["adev", "oadev", "mdev", "hdev", "ohdev"])
 def test_edf_of_many_cluster_sizes_agrees_with_the_formula_at_each(kind, samples):
     """For many cluster sizes the edf is interpolated if its formula needs a sum; for a few sizes the formula itself is used."""

@@ -216,6 +216,7 @@ def test_a_wrong_call_is_said_before_anything_is_done(tasks, room, tmp_path, poo
     assert counts(room) == {}
 
 
+@pytest.mark.long
 def test_a_fleet_of_multi_position_recordings(tmp_path, pool):
     """The second of three units was hardly moved and fails; the intervals of the others contain the truth."""
     for i, poses in enumerate((cases.POSES, 6, cases.POSES)):

@@ -96,23 +96,23 @@ SENSORS = {"gyro": Noise(N=1e-4, B=2e-5, K=1e-6), "accel": Noise(N=1e-3, B=2e-4)
 
 
 def test_the_shares_make_the_whole_and_the_inverse_agrees():
-    motion, errors = Motion.hand(30.0), {"gyro.scale": 1e-3, "accel.misalignment": 1e-3, "gyro.delay": 1e-3, "accel.lever": 0.01}
+    motion, errors = Motion.hand(10.0), {"gyro.scale": 1e-3, "accel.misalignment": 1e-3, "gyro.delay": 1e-3, "accel.lever": 0.01}
     found = propagate(SENSORS, motion, rest=5.0, errors=errors, initial=(1e-3, 2e-3))
     whole = np.diagonal(found.covariance, axis1=1, axis2=2)
     np.testing.assert_allclose(sum(found.contributions.values()), whole, rtol=1e-9, atol=1e-30)
     assert len(found.contributions) == 10
     limit = 5 * float(found.std("position")[-1])
-    told = requirement(found, after=30.0, position=limit)
+    told = requirement(found, after=10.0, position=limit)
     assert told["all"][0] == pytest.approx(5.0)
     turning = {name: size * told["turning"][0] if name != "accel.misalignment" else size for name, size in errors.items()}
     larger = {**SENSORS, "gyro": Noise(N=1e-4 * float(told["gyro N"][0]), B=2e-5, K=1e-6)}
     for sensors, own in ((larger, errors), (SENSORS, turning)):
         again = propagate(sensors, motion, rest=5.0, errors=own, initial=(1e-3, 2e-3))
         assert again.std("position")[-1] == pytest.approx(limit, rel=1e-6)
-    assert np.isnan(requirement(found, after=30.0, heading=1e-6)["gyro N"][0])
+    assert np.isnan(requirement(found, after=10.0, heading=1e-6)["gyro N"][0])
     assert "large_angles" in propagate(Noise(N=1.0), Motion.rest(1.0)).codes
     with pytest.raises(TypeError):
-        requirement(found, after=30.0)
+        requirement(found, after=10.0)
 
 
 def test_the_uncertainty_of_the_coefficients_is_that_of_repeated_records():
@@ -151,7 +151,7 @@ def test_the_thermal_model_is_a_cause(imu, thermal, errors, law):
 
 
 def test_increments_hold_the_errors_of_calibration():
-    motion, errors = Motion.hand(20.0, seed=1), {"gyro.scale": 1e-3, "gyro.bias": 1.0}
+    motion, errors = Motion.hand(6.0, seed=1), {"gyro.scale": 1e-3, "gyro.bias": 1.0}
     found = increments({"gyro": Noise(N=1e-4), "accel": Noise(N=1e-3)}, motion, windows=[1.0, 5.0, 60.0], errors=errors)
     assert found.time.tolist() == [1.0, 5.0]  # the motion is shorter than the last
     alone = increments({"gyro": Noise(N=1e-4)}, motion, windows=[1.0])

@@ -155,14 +155,3 @@ def test_missing_packages_of_the_extra_are_one_sentence(monkeypatch, capsys):
     error = capsys.readouterr().err
     assert 'pip install "jaxcal[cli]"' in error
     assert len(error.splitlines()) == 1
-
-
-def test_no_command_has_two_options_of_one_name(call):
-    """If two options had the same name, one of them could not be given."""
-    commands = re.findall(r"^│ ([a-z][a-z-]+) ", call("--help").out, re.M)
-    assert len(commands) > 15
-    for command in commands:
-        kinds = re.findall(r"^│ ([a-z]+) ", call(command, "--help").out, re.M) if command == "simulate" else [""]
-        for kind in kinds:
-            names = re.findall(r"^│ (?:\*  |   )?(--[a-z-]+)", call(command, *[kind] * bool(kind), "--help").out, re.M)
-            assert len(names) == len(set(names)), (command, kind, sorted(names))

@@ -34,7 +34,8 @@ def fetched(url, method="GET", **headers):
         return answer.read().decode()
 
 
-@pytest.mark.parametrize("limit", ["0.3", "0.001"])  # the second is never reached: the page says stop, while the sensor is silent
+# the second is never reached: the page says stop, while the sensor is silent
+@pytest.mark.parametrize("limit", ["0.3", pytest.param("0.001", marks=pytest.mark.long)])
 def test_a_recording_ends_when_the_error_is_small_and_gives_what_the_log_gives(tmp_path, limit):
     master, slave = pty.openpty()
     tty.setraw(slave)

@@ -67,11 +67,13 @@ def units_are_one(call, folder, device):
 
 
 def help_has_an_example(call, folder, device):
-    """The help of every command ends with a call that works."""
+    """The help of every command ends with a call that works, and names no option twice, since one of the two could not be given."""
     for command in (*_app._names(), *(f"simulate {kind}" for kind in KINDS)):
         said = call(*command.split(), "--help").out
         assert said.rstrip().splitlines()[-1].startswith(f"Example: jaxcal {command}"), command
         assert not re.search(r"default: *(False|None|\(\)|\"\")", said), command
+        names = re.findall(r"^│ (?:\*  |   )?(--[a-z-]+)", said, re.M)
+        assert len(names) == len(set(names)) > 0, (command, sorted(names))
         assert ("LOG-" in said) == (command in ("noise", "temperature", "imu", "rate-table", "mag", "device", "budget")), command
 
 

@@ -23,7 +23,7 @@ STEADY = {
 
 
 @pytest.mark.parametrize("noise", STEADY)
-@pytest.mark.parametrize("samples", [10_500, 60_000])
+@pytest.mark.parametrize("samples", [10_500, pytest.param(60_000, marks=pytest.mark.long)])
 def test_steady_noise_is_not_named(noise, samples):
     rng = np.random.default_rng(0)
     named = [unevenness(STEADY[noise](rng, samples)).loudest is not None for _ in range(300)]

@@ -7,9 +7,9 @@ import equinox as eqx
 import numpy as np
 import pytest
 
-from jaxcal import Calibration, ExportError, Log
+from jaxcal import Calibration, ExportError
 from jaxcal.export import write
-from jaxcal.temperature import Chebyshev, Steps, ThermalModel, characterise, simulate
+from jaxcal.temperature import Chebyshev, Steps, ThermalModel, fit, simulate
 
 FOLDER = pathlib.Path(__file__).parent
 DOCUMENT = json.loads((FOLDER / "golden.json").read_text())
@@ -22,10 +22,10 @@ def golden():
 
 @pytest.fixture(scope="module")
 def fitted():
-    """Thermal fits of a simulated gyroscope whose bias has a jump."""
+    """Thermal fits of a simulated gyroscope whose axes all have the same bias, with a jump."""
     made = simulate(seed=1)
-    log = Log(made.time, gyro=np.stack([made.bias, 0.5 * made.bias, -made.bias], axis=1), temperature=made.temperature)
-    return characterise(log)
+    found = fit(made.temperature, made.bias, time=made.time, sensor="gyro")
+    return dict.fromkeys(("gyro_x", "gyro_y", "gyro_z"), found)
 
 
 def parameters(path, separator):

@@ -46,6 +46,7 @@ def test_weight_is_the_slope_of_the_cost(loss, precision):
     assert np.isfinite(curvature).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("loss", [Huber(), Cauchy()])
 def test_covariance_and_gain_on_heavy_tails(loss):
     data = jax.tree.map(lambda *a: np.stack(a), *[p.thermal_data(seed) for seed in range(300)])

@@ -14,7 +14,7 @@ def left(y):
     return y - LINE @ np.linalg.lstsq(LINE, y)[0]
 
 
-@pytest.mark.parametrize("sigma", [None, 0.1])
+@pytest.mark.parametrize("sigma", [pytest.param(None, marks=pytest.mark.long), 0.1])
 def test_a_term_is_seldom_seen_where_none_is_and_found_where_one_is(sigma):
     rng = np.random.default_rng(0)
     noise = 0.1 * rng.normal(size=(1000, 40))

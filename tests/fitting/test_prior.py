@@ -53,6 +53,7 @@ def test_covariances_by_blocks_hold_the_prior_for_certain():
     np.testing.assert_allclose(covariance(fit, "jackknife"), expected, rtol=1e-6)
 
 
+@pytest.mark.long
 def test_coverage_with_a_prior():
     """The true parameters are drawn from the prior, and the errors of the data are three times the assumed ones."""
     rng = np.random.default_rng(5)

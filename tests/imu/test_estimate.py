@@ -43,6 +43,7 @@ def test_both_sensors_from_poses_and_turns(data):
     np.testing.assert_allclose(error[~free], 0, atol=1e-12)
 
 
+@pytest.mark.long
 def test_derivatives_by_held_values_and_readings(data):
     poses, turns = jax.tree.map(jnp.asarray, data)
     at = (jnp.asarray(cases.GRAVITY), jnp.asarray(LATITUDE), poses, turns)

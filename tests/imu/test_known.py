@@ -28,6 +28,7 @@ def test_six_positions_are_the_closed_form(precision):
     np.testing.assert_allclose(exact.matrix, ACCEL.matrix, atol=1e-14)
 
 
+@pytest.mark.long
 def test_six_position_scatter_is_its_covariance():
     """With 400 runs a standard deviation is known to 3.5 %, and the mean of twelve of them to about 1 %."""
     truth = np.r_[np.ravel(ACCEL.matrix), ACCEL.bias]

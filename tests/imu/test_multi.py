@@ -147,10 +147,11 @@ def test_units_and_axes_are_recognised(refuses):
     degrees = fit(jaxcal.Log(None, accel=log.accel, gyro=np.rad2deg(log.gyro), rate=log.rate))
     assert (degrees.verdict, "gyro_unit" in degrees.codes, "range" in degrees.codes) == ("refused", True, False)
     assert any("--units gyro=deg/s" in one.spelt("terminal") for one in degrees.findings)
-    turned = fit(jaxcal.Log(None, accel=log.accel, gyro=np.asarray(log.gyro)[:, [1, 0, 2]] * [1, -1, 1], rate=log.rate))
+    known = {"rests": cases.rests()}  # a search for them would fit each threshold
+    turned = fit(jaxcal.Log(None, accel=log.accel, gyro=np.asarray(log.gyro)[:, [1, 0, 2]] * [1, -1, 1], rate=log.rate), **known)
     assert turned.verdict == "refused"
     assert "--axes gyro=-y,x,z" in next(one for one in turned.findings if one.code == "gyro_axes").spelt("terminal")
-    mirrored = fit(jaxcal.Log(None, accel=log.accel, gyro=log.gyro * [1, -1, 1], rate=log.rate))
+    mirrored = fit(jaxcal.Log(None, accel=log.accel, gyro=log.gyro * [1, -1, 1], rate=log.rate), **known)
     assert next(one for one in mirrored.findings if one.code == "gyro_axes").facts == {"what": "y is reversed", "axes": "x,-y,z"}
     with refuses("gravity"):
         multi_position(log, gravity=1.0)
@@ -197,7 +198,7 @@ def test_the_earths_rate_is_taken_off():
     quiet = {"accel": 1e-4, "gyro": 2e-6}
     log = cases.recording(0, latitude=np.deg2rad(40.0), noise=quiet)
     truth = cases.turned_truth()[24:]
-    plain, told = fit(log), fit(log, latitude=np.deg2rad(40.0))
+    plain, told = (fit(log, rests=cases.rests(), **known) for known in ({}, {"latitude": np.deg2rad(40.0)}))
     bias = np.rad2deg((plain.estimate.values[24:] - truth) * cases.GRAVITY).reshape(3, 3) * 3600
     assert np.mean(np.diag(bias)) == pytest.approx(9.67, abs=1.0)
     left = np.rad2deg((told.estimate.values[24:] - truth) * cases.GRAVITY) * 3600

@@ -133,7 +133,8 @@ def test_a_field_of_ones_own_is_in_every_output(recorded, found, tmp_path):
     changed = jaxcal.calibration.difference(jaxcal.Calibration(imu=found), moved)
     assert "square[2]" in changed[0].parameters
     np.savez(tmp_path / "unit1.npz", time=recorded.time, accel=recorded.accel, gyro=recorded.gyro)
-    fleet = jaxcal.batch.run([tmp_path / "unit1.npz"], "imu", options={"gravity": G, "model": START, "held_out": False})
+    options = {"gravity": G, "model": START, "held_out": False, "rests": cases.rests()}
+    fleet = jaxcal.batch.run([tmp_path / "unit1.npz"], "imu", options=options)
     assert next(iter(fleet)).coefficients["accel.square[2]"].value == pytest.approx(SQUARE[2], abs=2e-5)
 
 

@@ -8,7 +8,7 @@ import pytest
 import jaxcal
 
 
-@pytest.mark.parametrize("name", ["imu1.log", "imu3.log"])
+@pytest.mark.parametrize("name", [pytest.param("imu1.log", marks=pytest.mark.long), "imu3.log"])
 def test_logs_by_hand_need_no_option(reference, name):
     folder = reference / "data" / "imu" / "mikoff"
     rows = np.loadtxt(folder / name)

@@ -48,6 +48,7 @@ def test_the_session_of_imucal(reference):
     assert found.codes == {"turned_once"}
 
 
+@pytest.mark.long
 def test_intervals_of_a_session_hold_the_truth(tmp_path):
     """The faces are off by 2 mrad. The turns have no such error, so that their intervals are wider than necessary."""
     truth = np.concatenate([np.ravel(part) for part in (ACCEL.matrix, ACCEL.bias, GYRO.matrix, GYRO.bias, GYRO.g_sensitivity)])

@@ -56,11 +56,12 @@ def outcome(kind, rate, start, path):
     return "mended" if abs(mended.rate / true - 1) < 0.01 else "wrong"
 
 
-def test_no_clock_is_wrong_without_a_word(tmp_path):
-    found = {case: outcome(*case, tmp_path / "log.csv") for case in CASES}
+@pytest.mark.parametrize("step", [7, pytest.param(1, marks=pytest.mark.long)])
+def test_no_clock_is_wrong_without_a_word(step, tmp_path):
+    found = {case: outcome(*case, tmp_path / "log.csv") for case in CASES[::step]}
     tally = collections.Counter(found.values())
     assert [case for case, one in found.items() if one == "wrong"] == []
-    assert len(found) > 300
+    assert len(found) > 300 / step
     assert tally["right"] >= 0.85 * len(found)
 
 

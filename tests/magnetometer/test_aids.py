@@ -153,9 +153,9 @@ def level(runs, soft=0.05, half=0.5, tilt=0.0, known=True, common=0.0):
     return np.array(rows)
 
 
-@pytest.mark.parametrize(
-    "case", [{"half": 0.0}, {}, {"soft": 0.1}, {"common": 1.0}, {"known": False, "tilt": 5.0}, {"known": False, "tilt": 20.0}]
-)
+@pytest.mark.parametrize("case", [{}, {"known": False, "tilt": 20.0}, *(pytest.param(one, marks=pytest.mark.long) for one in (
+    {"half": 0.0}, {"soft": 0.1}, {"common": 1.0}, {"known": False, "tilt": 5.0},
+))])  # fmt: skip
 def test_vehicles_that_hardly_tilt(case):
     real, stated, size = np.sqrt(np.mean(level(24, **case) ** 2, axis=0))
     assert real < 0.9 + case.get("common", 0.0)

@@ -4,6 +4,7 @@ import importlib.util
 import pathlib
 
 import numpy as np
+import pytest
 
 from jaxcal.magnetometer import Attitude, fit, heading_uncertainty
 
@@ -14,9 +15,10 @@ _SPEC.loader.exec_module(flights)
 DIP, YAW = np.deg2rad(63.0), np.arange(24) * np.pi / 12
 
 
-def test_headings_are_within_a_degree_and_their_error_is_true():
+@pytest.mark.parametrize("runs", [25, pytest.param(100, marks=pytest.mark.long)])
+def test_headings_are_within_a_degree_and_their_error_is_true(runs):
     actual, stated = [], []
-    for seed in range(100):
+    for seed in range(runs):
         flight = flights.flown(seed)
         found = fit(flight.readings[0], aid=Attitude(flight.attitude.as_quat(scalar_first=True)), inclination=DIP)
         assert found.verdict == "good"

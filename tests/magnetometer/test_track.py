@@ -15,7 +15,7 @@ flights = importlib.util.module_from_spec(_SPEC)
 _SPEC.loader.exec_module(flights)
 
 
-@pytest.mark.parametrize("given", [True, False])
+@pytest.mark.parametrize("given", [pytest.param(True, marks=pytest.mark.long), False])
 def test_the_path_is_nearly_as_good_as_possible_and_its_error_true(given):
     off, least, inside, walks = [], [], [], []
     for seed in range(6):

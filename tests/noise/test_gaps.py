@@ -79,7 +79,8 @@ def test_a_fit_of_a_record_with_gaps_repeats_exactly():
     assert float(jaxcal.noise.fit(y, RATE).noise.B) == float(jaxcal.noise.fit(y, RATE).noise.B)
 
 
-@pytest.mark.parametrize("recording", ["imu1", pytest.param("imu2", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("recording", ["imu1", "imu2"])
 def test_masking_one_percent_of_a_real_record_moves_no_coefficient(reference, recording):
     with np.load(reference / "data" / "adis16405" / f"{recording}.npz") as file:
         y, rate = file["counts"][:, 0] * file["scale"][0], float(file["fs"])

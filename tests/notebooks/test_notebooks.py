@@ -13,7 +13,6 @@ from nbclient.exceptions import CellExecutionError
 FOLDER = pathlib.Path(__file__).resolve().parents[2] / "notebooks"
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 RUN = runpy.run_path(str(FOLDER / "run.py"))
-SHORT = {"quickstart", "own_model"}
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +45,7 @@ def test_stored_with_its_output(path):
 
 
 @pytest.mark.parametrize(
-    "path", [pytest.param(path, id=path.stem, marks=[pytest.mark.long] * (path.stem not in SHORT)) for path in NOTEBOOKS]
+    "path", [pytest.param(path, id=path.stem, marks=[pytest.mark.long] * (path.stem != "quickstart")) for path in NOTEBOOKS]
 )
 def test_runs(path, client, tmp_path):
     if path.stem == "posterior" and importlib.util.find_spec("blackjax") is None:

@@ -11,7 +11,7 @@ from jaxcal.temperature import fit, simulate
 @pytest.fixture(scope="module")
 def fits():
     made = simulate(profile="cycle", duration=4500.0, lag=60.0, walk=0.0, seed=1)
-    found = fit(made.temperature, made.bias, time=made.time, sensor="gyro")
+    found = fit(made.temperature, made.bias, time=made.time, lag=60.0, play=0.0, sensor="gyro")
     return {"gyro_x": found, "gyro_y": found, "accel_z": fit(made.temperature, made.bias, model="polynomial", degree=3, sensor="accel")}
 
 
@@ -26,7 +26,7 @@ def test_one_panel_for_each_sensor_in_its_unit(fits):
     assert key(axes[0])[:2] == ["x", "y"]
     # 0.3 deg/s is 1080 deg/h
     assert key(axes[0])[2].startswith("smooth; 10")
-    assert "°/h at 24.50 °C; lag 59.9 s" in key(axes[0])[2]
+    assert "°/h at 24.50 °C; lag 60.0 s" in key(axes[0])[2]
     assert key(axes[1]) == ["z", "polynomial 3"]
     curve = next(line for line in axes[0].lines if line.get_label().startswith("smooth"))
     t, y = curve.get_data()

@@ -53,7 +53,9 @@ def looked_at(tab, width, scheme, media):
     return tab.run(SCRIPT)
 
 
-@pytest.mark.parametrize("kind", LEAST)
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=[pytest.mark.long] * (kind not in ("noise", "imu", "device"))) for kind in LEAST]
+)
 def test_page(tab, pages, kind):
     tab.open((pages / f"{kind}.html").as_uri())
     for look in LOOKS:

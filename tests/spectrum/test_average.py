@@ -102,6 +102,7 @@ def test_degrees_of_freedom_of_half_overlapping_hann_segments():
         np.testing.assert_allclose(found[8:120], 36.0 * segments**2 / (19.0 * segments - 1.0), rtol=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("average", "overlap"), [(None, 0.5), ("octave", 0.5), ("log", 0.5), ("octave", 0.75), ("log", 0.0)])
 def test_degrees_of_freedom_of_welch_are_those_of_the_spread(average, overlap):
     """Degrees of freedom agree with 2 mean^2 / variance over 6000 white records, which has a standard error of 1.9 to 3 %."""

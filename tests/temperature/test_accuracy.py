@@ -22,7 +22,9 @@ def made():
     return module
 
 
-@pytest.mark.parametrize(("degree", "row"), [(1, (101, 125, 181)), (3, (47, 114, 150)), (5, (41, 108, 131))])
+@pytest.mark.parametrize(("degree", "row"), [(3, (47, 114, 150)), *(pytest.param(*one, marks=pytest.mark.long) for one in (
+    (1, (101, 125, 181)), (5, (41, 108, 131)),
+))])  # fmt: skip
 def test_polynomials_leave_what_the_table_of_the_specification_says(degree, row):
     found = []
     for seed in range(2):
@@ -54,7 +56,7 @@ def test_ramps_with_a_jump_of_300_mdeg_s_are_followed():
     assert (np.mean(found, axis=0) < [0.7, 2.0, 4.0]).all()
 
 
-@pytest.mark.parametrize(("case", "count"), [("none", 0), ("two", 2)])
+@pytest.mark.parametrize(("case", "count"), [("none", 0), pytest.param("two", 2, marks=pytest.mark.long)])
 def test_one_jump_is_one_jump(made, case, count):
     excess, inside = zip(*(made.counted(case, run) for run in range(1)), strict=True)
     assert excess == (0,)
