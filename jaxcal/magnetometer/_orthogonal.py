@@ -20,7 +20,7 @@ from ._quadric import basis_of
 _FOOT = 20  # most steps to a foot, which takes three near the surface
 CURVED = 0.02  # noise over radius above which the curvature term matters
 _STEPS = 128  # most of a fit
-SETTLED = 1e-7  # step in standard errors, and relative change of the noise, or of the degrees of freedom, that end the steps
+SETTLED = 1e-6  # standard errors that more steps, or newer weights, would move the parameters by; relative change of degrees of freedom
 SOFT = 0.4  # spread of the entries of a soft iron about a multiple of the identity: the paper's sensor, the strongest known, has 0.3
 
 
@@ -275,8 +275,8 @@ def weighed(x: Any, rows: Any, left: Any, ridge: Any, prior: Sequence[Any]) -> W
     return Weights(*terms(x, noise2, prior), xp.sqrt(noise2), scaled, inverse, freedom)
 
 
-class _Point(namedtuple("_Point", "x near last weights cost step share count converged done")):
-    """Parameters, readings beside their surface, the weights before and there, the cost, the next step, its share to try; whether done."""
+class _Point(namedtuple("_Point", "x near last weights cost step off share count converged done")):
+    """Parameters, readings beside their surface, the weights before and there, the cost, the next step, its size and share; if done."""
 
 
 def rounds(near_at: Callable[[Any, Near], Near], x: Any, near: Near, prior: Sequence[Any]) -> tuple[Any, Near, Weights, Any]:
@@ -290,18 +290,22 @@ def rounds(near_at: Callable[[Any, Near], Near], x: Any, near: Near, prior: Sequ
     def cost(x: Any, left: Any, ridge: Any) -> Any:
         return (left**2).sum() + ridge * (x @ prior[0] @ x)
 
-    def point(x: Any, near: Near, last: Sequence[Any], count: Any) -> _Point:
+    def point(x: Any, near: Near, last: Sequence[Any], before: Any, count: Any) -> _Point:
         left = near.distance - last[0] * near.curvature
         weights = weighed(x, near.slopes, left, last[1], prior)
         gradient = near.slopes.T @ left + last[1] * (prior[0] @ x)
         step, total = -(weights.inverse @ gradient), cost(x, left, last[1])
-        off = -(gradient @ step) / xp.where(total > 0, total, 1.0)  # square of the step in standard errors, over the readings
+        # squares of the step, and of what newer weights add to it, in standard errors
+        one, newer = xp.where(total > 0, total / len(left), 1.0), (weights.ridge - last[1]) * (prior[0] @ x)
+        newer = newer - (weights.noise2 - last[0]) * (near.slopes.T @ near.curvature)
+        off, late = -(gradient @ step) / one, newer @ weights.inverse @ newer / one
+        # more steps shrink as this one has, or by the noise over the radius: the slopes leave out how the surface bends
+        rate = xp.minimum(xp.maximum(off / xp.maximum(before, eps**4), (weights.noise * near.curvature.max()) ** 2), 1.0)
         short = (step**2).sum() <= rounding**2 * (x**2).sum()
-        alike = SETTLED + rounding
-        settled = (abs(weights.noise2 - last[0]) <= alike * weights.noise2) & (abs(weights.freedom - last[2]) <= alike * weights.freedom)
-        flat = ((off <= SETTLED**2) | short) & xp.isfinite(total)
+        settled = (late <= SETTLED**2) & (abs(weights.freedom - last[2]) <= (SETTLED + rounding) * weights.freedom)
+        flat = ((off * rate <= SETTLED**2) | short) & xp.isfinite(total)
         done = flat & settled | ~xp.isfinite(weights.noise) | (count >= _STEPS)
-        return _Point(x, near, last, weights, total, step, 0.0 * off + 1.0, count, flat, done)
+        return _Point(x, near, last, weights, total, step, off, 0.0 * off + 1.0, count, flat, done)
 
     def advance(here: _Point) -> _Point:
         x = here.x + here.share * here.step
@@ -315,12 +319,12 @@ def rounds(near_at: Callable[[Any, Near], Near], x: Any, near: Near, prior: Sequ
         if xp is np and not better:
             return shorter
         weights = here.weights
-        there = point(x, near, (weights.noise2, weights.ridge, weights.freedom), here.count + 1)
+        there = point(x, near, (weights.noise2, weights.ridge, weights.freedom), here.off, here.count + 1)
         return there if xp is np else jax.tree.map(lambda new, old: xp.where(better, new, old), there, shorter)
 
     near = near_at(x, near)  # which also gives the start its shapes
     freedom = xp.asarray(max(len(near.distance) - x.size, 1.0), dtype=x.dtype)
-    begin = point(x, near, (*terms(x, (near.distance**2).sum() / freedom, prior), freedom), xp.asarray(0))
+    begin = point(x, near, (*terms(x, (near.distance**2).sum() / freedom, prior), freedom), 0.0 * freedom, xp.asarray(0))
     end = repeated(advance, begin, lambda here: here.done)
     # the last step is so short that the distances follow it by their slopes
     step = xp.where(end.converged, end.step, 0.0)
