@@ -22,7 +22,9 @@ CHANCE = 0.003  # error probability of each of the two tests of whiteness
 
 def span_of(jacobian: np.ndarray) -> np.ndarray:
     """Orthonormal columns (n, p) that span the changes of the residuals with the parameters."""
-    return np.linalg.qr(jacobian / np.linalg.norm(jacobian, axis=0))[0]
+    unit = jacobian / np.sqrt((jacobian * jacobian).sum(axis=0))
+    # a floor keeps the normal equations regular, and what is lost in their rounding out of the span
+    return unit @ np.linalg.inv(np.linalg.cholesky(unit.T @ unit + len(unit) * np.finfo(float).eps * np.eye(unit.shape[1]))).T
 
 
 def tamed(span: np.ndarray, residuals: np.ndarray) -> np.ndarray:

@@ -281,7 +281,7 @@ def _round(u: np.ndarray, dip: float) -> tuple[np.ndarray, np.ndarray]:
     """Start from a sphere through scaled readings; a circle has the size of the field's horizontal part."""
     centre = sphere_centre(u)
     size = float(np.sqrt(np.mean(np.sum((u - centre) ** 2, axis=1))))
-    flat = extents(u - u.mean(axis=0))
+    flat = extents(u)
     size = size / np.cos(dip) if flat[-1] < 4 * NEAR_PLANAR * flat[0] else size
     return size * np.eye(3), centre
 

@@ -12,6 +12,7 @@ import numpy as np
 from jax.core import Tracer
 
 from .._errors import DataError
+from .._frozen import made
 from .._log import Log, LogLike, as_log
 from .._message import Message
 from .._precision import host_float64, is_traced
@@ -113,8 +114,8 @@ def fit(
     surface = surface_of(asked, picked)
     surface = beside(asked, surface)
     kind = "none" if surface.model is None else surface.joint or surface.found.kind
-    return MagFit(
-        model=surface.model, field=surface.field, noise=surface.noise, residual=surface.residual, inclination=surface.dip,
+    return made(
+        MagFit, model=surface.model, field=surface.field, noise=surface.noise, residual=surface.residual, inclination=surface.dip,
         kind=kind, method="joint" if surface.joint else method, down=surface.down, alignment=surface.alignment, **judged(asked, surface),
     )  # fmt: skip
 

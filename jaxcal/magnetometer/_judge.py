@@ -16,7 +16,7 @@ from ._aids import Asked
 from ._field import HEADINGS, INCLINATION, axes_at, sphere_grid
 from ._findings import FINDINGS
 from ._model import HARD, SOFT, MagModel, changes_of, quantity_of
-from ._quadric import NEAR_PLANAR, OUTLIER, SYMMETRIC, UPPER, Frame, extents, inverse_of, rows_of, unit
+from ._quadric import NEAR_PLANAR, OUTLIER, SYMMETRIC, UPPER, extents, inverse_of, quantile, rows_of, spread_of, unit
 from ._surface import BENT, FAST, Surface, between
 
 #: findings beside which a heading error means nothing
@@ -39,7 +39,7 @@ def judged(asked: Asked, surface: Surface) -> dict[str, Any]:
     spread = matrices[0] if surface.spread is None else _of_iron(model, field, held, surface.spread)
     error, *costs = heading_errors(change_of(model, field, surface.usual), surface.dip, surface.down, matrices)
     # a field that the readings leave open may be of any size, the readings not
-    quantity = quantity_of(np.median(np.abs(asked.m[asked.there])) if host else field)
+    quantity = quantity_of(quantile(np.abs(asked.m[asked.there]).ravel(), 0.5) if host else field)
     estimate = _estimated(model, field, quantity, spread, surface.freedom, surface.further or {}, held)
     about = {"used": len(surface.rows if surface.joint else surface.m)} | ({} if surface.usual is None else {"usual": surface.usual})
     if host and not surface.joint:
@@ -89,7 +89,7 @@ def _weakest(surface: Surface) -> tuple[float, str]:
     Columns keep their natural scale, because with columns of unit length a thin band of directions would look well conditioned. A row is
     u'Su + c'u for the changes S and c, with 2 S, the change of the quadric, as parameter.
     """
-    names = [*(f"soft_iron[{i},{j}]" for i, j in zip(*UPPER, strict=True)), *HARD]
+    names = [*(SOFT[3 * i + j] for i, j in zip(*UPPER, strict=True)), *HARD]
     if surface.usual is not None:
         known = of_jacobian(surface.found.near.slopes, names=(*names, *surface.further))
         return float(known.condition), ", ".join(known.weakest)
@@ -119,9 +119,7 @@ def _of_magnitudes(asked: Asked, surface: Surface, condition: float, weakest: st
     larger, found, size, norm = surface.larger, surface.found, float(surface.radius * surface.scale), asked.norm
     said: list[Finding] = []
     # where the model is chosen, readings in a plane have one of their own
-    if (asked.parts or (asked.method, asked.model) != ("ml", "auto")) and extents(Frame.of(surface.m).in_frame(surface.m))[
-        -1
-    ] < NEAR_PLANAR:
+    if (asked.parts or (asked.method, asked.model) != ("ml", "auto")) and extents(surface.m)[-1] < NEAR_PLANAR:
         said.append(FINDINGS("near_planar"))
     elif not np.isfinite(found.covariance).all() or FINDINGS.over("undetermined", condition, what=weakest):
         said.append(FINDINGS("undetermined", what=weakest))
@@ -142,7 +140,7 @@ def _of_magnitudes(asked: Asked, surface: Surface, condition: float, weakest: st
 def outliers(distance: AnyArray) -> np.ndarray:
     """Indices of readings more than four robust standard deviations off; distances in scaled units."""
     size = np.abs(distance)
-    return np.flatnonzero(size > max(OUTLIER * 1.4826 * np.median(size), 1e-9))
+    return np.flatnonzero(size > OUTLIER * spread_of(size))
 
 
 def _about_residuals(distance: np.ndarray, scatter: float, parts: bool) -> list[Finding]:

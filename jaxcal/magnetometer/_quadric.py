@@ -29,6 +29,7 @@ from ..evidence._values import clipped, held
 PLACE = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]], dtype=np.int32)
 UPPER = tuple(part.astype(np.int32) for part in np.triu_indices(len(PLACE)))
 SYMMETRIC = np.equal.outer(PLACE.ravel(), np.unique(PLACE)).astype(float)
+_HALVES = (1 + np.eye(3)) / 2
 #: number of parameters of each kind
 COUNT = {"sphere": 4, "diagonal": 6, "symmetric": 9}
 
@@ -109,12 +110,14 @@ def monomials(u: Any) -> Any:
 
 def matrix_of(q: Any) -> Any:
     """Quadratic part as a symmetric matrix; the matrix printed in the paper belongs to another order of the monomials."""
-    return q[PLACE] * ((1 + np.eye(3)) / 2).astype(q.dtype)
+    return q[PLACE] * _HALVES.astype(q.dtype)
 
 
-def extents(u: np.ndarray) -> np.ndarray:
-    """Root mean squares along the principal axes of readings, the largest first; readings in a plane give a zero to within 1e-8."""
-    return np.sqrt(np.maximum(np.linalg.eigvalsh(u.T @ u / len(u))[::-1], 0.0))
+def extents(m: np.ndarray) -> np.ndarray:
+    """Root mean squares along the principal axes of readings in their frame, the largest first; in a plane one is zero to within 1e-8."""
+    off = m - m.sum(axis=0) / len(m)
+    squares = np.linalg.eigvalsh(off.T @ off)[::-1]
+    return np.sqrt(np.maximum(squares, 0.0) / max(squares.sum(), 1e-300))
 
 
 def shape_of(theta: Any) -> tuple[Any, Any]:
@@ -188,6 +191,9 @@ def _laplacian() -> np.ndarray:
     return sum(np.kron(d @ d, one) + 2 * np.kron(d, d) + np.kron(one, d @ d) for d in _slopes())  # type: ignore[return-value]
 
 
+_STEPS = 30  # most of `adjusted`, which takes three where the noise is small, and eight where it is as large as the field
+
+
 def _mean_laplacian(products: np.ndarray) -> np.ndarray:
     """Mean of the Laplacian of the products of the monomials, from the mean of the products."""
     return (_laplacian() @ products.ravel()).reshape(products.shape)
@@ -201,13 +207,16 @@ def noisy(products: np.ndarray, variance: float) -> np.ndarray:
 
 def adjusted(products: np.ndarray) -> tuple[float, np.ndarray]:
     """The smallest variance of the noise that makes `noisy` singular, and the quadric that it then maps to zero."""
-    first = -_mean_laplacian(products) / 2
-    second, s2, size = -_mean_laplacian(first) / 4, 0.0, len(products)
-    if np.linalg.eigvalsh(products)[0] > 1e-14:  # otherwise the readings are exact
-        # with t = 1 / s^2, (t^2 Psi0 + t Psi1 + Psi2) q = 0 is an eigenvalue problem of twice the size, whose largest real t is wanted
-        t = np.linalg.eigvals(np.vstack([-np.linalg.solve(products, np.hstack([first, second])), np.eye(size, 2 * size)]))
-        s2 = 1 / max(t.real[np.abs(t.imag) <= 1e-6 * np.abs(t)].max(initial=0.0), 1e-300)
-    return s2, np.linalg.eigh(products + s2 * (first + s2 * second))[1][:, 0]
+    first, s2 = -_mean_laplacian(products) / 2, 0.0
+    second = -_mean_laplacian(first) / 4
+    # Newton's steps on the smallest eigenvalue as it falls with the variance; readings that are exact need none
+    for _ in range(_STEPS):
+        values, vectors = np.linalg.eigh(products + s2 * (first + s2 * second))
+        if abs(values[0]) <= 1e-14:
+            break
+        q = vectors[:, 0]
+        s2 -= values[0] / (q @ (first + 2 * s2 * second) @ q)
+    return s2, vectors[:, 0]
 
 
 def by_products(u: np.ndarray, method: str) -> tuple[np.ndarray, np.ndarray]:
@@ -284,9 +293,10 @@ def _voters(u: np.ndarray, most: int = _PER_CELL) -> np.ndarray:
     number = x + (y << 20) + (z << 40)
     order = np.argsort(number, kind="stable")
     number = number[order]
-    first = np.searchsorted(number, number)
-    size, place = np.searchsorted(number, number, side="right") - first, np.arange(len(u)) - first
-    return np.sort(order[(size <= most) | (place * most // size != (place - 1) * most // size)])
+    first = np.concatenate([[0], np.flatnonzero(number[1:] != number[:-1]) + 1])
+    size = np.append(first[1:], len(number)) - first
+    place, size = np.arange(len(number)) - np.repeat(first, size), np.repeat(size, size)
+    return np.sort(order[place * most % size < most])
 
 
 def quantile(values: np.ndarray, share: float) -> Any:
@@ -332,8 +342,8 @@ def _trimmed(u: np.ndarray) -> list[tuple[float, tuple[np.ndarray, np.ndarray]]]
     return found
 
 
-def sound(m: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | None]:
-    """Flags (n,) of the readings that do not stand apart, and the ellipsoid near them.
+def sound(m: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray] | None]:
+    """Flags (n,) of the readings that do not stand apart, and the ellipsoid near them with their distances, in any unit.
 
     All readings are kept where an ellipsoid through most is not to be had, or more than a tenth stand apart.
     """
@@ -345,7 +355,7 @@ def sound(m: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | No
     u = (m - middle) / size
     voters = voters if len(close) == len(m) else close[_voters(rows_of(u, close))]
     vote = rows_of(u, voters)
-    if len(vote) < least or extents(Frame.of(vote).in_frame(vote))[-1] < NEAR_PLANAR:
+    if len(vote) < least or extents(vote)[-1] < NEAR_PLANAR:
         return kept, None
     found, distance = None, np.zeros(0)
     with contextlib.suppress(NotEllipsoid, np.linalg.LinAlgError):
@@ -359,7 +369,8 @@ def sound(m: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | No
     if found is None:
         return kept, None
     near, (shape, centre) = kept & (distance <= _FAR * spread_of(distance[voters])), found
-    return (everything, None) if np.mean(~near) > _MOST else (near, (shape / size**2, middle + size * centre))
+    few = np.count_nonzero(near) < (1 - _MOST) * len(m)
+    return (everything, None) if few else (near, (shape / size**2, middle + size * centre, distance[near]))
 
 
 class Chosen(namedtuple("Chosen", "rows m frame full near heavy distinct", defaults=(0, None, False, 0))):
@@ -380,15 +391,16 @@ def chosen(m: Any, everything: str = "") -> Chosen:
     full = clipped(m)
     used = np.flatnonzero(~(full | held(m)))
     kept, near = sound(rows_of(m, used))
-    used = used[kept]
+    used, some = used[kept], ...
     if len(used) > LONG:
-        used = used[thinned(rows_of(m, used))]
+        some = thinned(rows_of(m, used))
+        used = used[some]
     m = rows_of(m, used)
-    found = Chosen(used, m, Frame.of(m), int(full.sum()))
+    frame, clipping = Frame.of(m), int(full.sum())
     if near is None:
-        return found
-    shape, centre = near[0] * found.frame.scale**2, (near[1] - found.frame.centre) / found.frame.scale
-    ratio, usual = away((shape, centre), found.frame.in_frame(m)), math.erfc(_TAIL / math.sqrt(2)) * len(m)
-    far = np.count_nonzero(ratio > _TAIL * spread_of(ratio))
+        return Chosen(used, m, frame, clipping)
+    distance, usual = near[2][some], math.erfc(_TAIL / math.sqrt(2)) * len(m)
+    far = np.count_nonzero(distance > _TAIL * spread_of(distance))
     heavy = len(m) >= _EACH * COUNT["symmetric"] and far > usual + _SURE * math.sqrt(usual)
-    return found._replace(near=np.concatenate([soft_of(shape).ravel(), centre]), heavy=heavy)
+    iron = np.concatenate([soft_of(near[0]).ravel() / frame.scale, (near[1] - frame.centre) / frame.scale])
+    return Chosen(used, m, frame, clipping, iron, heavy)

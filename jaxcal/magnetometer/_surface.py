@@ -15,6 +15,7 @@ import jax
 import numpy as np
 
 from .._answer import Finding
+from .._frozen import made
 from ..fitting._serial import BLOCKS, CHANCE, by_parts, followed, span_of, tamed
 from . import _quadric as quadric
 from ._aids import Asked
@@ -98,7 +99,7 @@ def _prepared(asked: Asked, picked: Chosen) -> Chosen | Surface:
         m, iron = _calmed(m, frame, near)
         frame = Frame.of(m)
         near = (iron - np.append(np.zeros(9), frame.centre)) / frame.scale
-    spread = quadric.extents(frame.in_frame(m))
+    spread = quadric.extents(m)
     if spread[1] < NEAR_PLANAR:
         return Surface(said=(FINDINGS("line"),))
     if asked.model == "planar" or (spread[2] < NEAR_PLANAR and auto):
@@ -189,7 +190,7 @@ def _left_out(largest: Found, chosen: Found) -> np.ndarray:
     more = COUNT[largest.kind] - COUNT[chosen.kind]
     if more and not np.isfinite(largest.covariance).all():
         return np.zeros(12)  # the verdict reports that the largest model could not be tried
-    gain = float(np.sum(chosen.distance**2) - np.sum(largest.distance**2)) / max(largest.noise, 1e-300) ** 2
+    gain = float(chosen.distance @ chosen.distance - largest.distance @ largest.distance) / max(largest.noise, 1e-300) ** 2
     step = largest.basis @ largest.parameters - chosen.basis @ chosen.parameters
     return np.sqrt(max(1 - more / max(gain, 1e-300), 0.0)) * step
 
@@ -263,7 +264,7 @@ def ellipsoid(found: Found, frame: Frame, norm: Any) -> Surface:
     """The surface of an ellipsoid in scaled readings, traced or not; `norm`: magnitude of the field if it is given."""
     radius = radius_of(found.soft)
     field = frame.scale * radius if norm is None else norm
-    model = MagModel(found.soft * frame.scale / field, frame.centre + frame.scale * found.centre)
+    model = made(MagModel, soft_iron=found.soft * frame.scale / field, hard_iron=frame.centre + frame.scale * found.centre)
     return Surface(
         found=found, model=model, field=field, slopes=frame.scale * found.basis, residual=found.distance * frame.scale,
         noise=found.noise * frame.scale, scale=frame.scale, radius=radius,
@@ -272,7 +273,7 @@ def ellipsoid(found: Found, frame: Frame, norm: Any) -> Surface:
 
 def _distinct(m: np.ndarray) -> int:
     """Number of distinct readings; only the first few are counted where these suffice for any model."""
-    few = len(set(map(tuple, m[: 2**6].tolist())))
+    few = len(set(map(tuple, m[: 2**4].tolist())))
     return few if few > COUNT["symmetric"] else len(np.unique(m, axis=0))
 
 
