@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from .._arrays import interpolated
 from .._special import chi_square_tail, f_tail
 
 #: number of parts of a log; on real logs the errors were right with six, but too small with ten or twenty
@@ -29,7 +30,7 @@ def span_of(jacobian: np.ndarray) -> np.ndarray:
 
 def tamed(span: np.ndarray, residuals: np.ndarray) -> np.ndarray:
     """Residuals clipped at 3.5 robust standard deviations and orthogonal to the Jacobian, because single outliers prove nothing."""
-    most = _FAR * 1.4826 * np.median(np.abs(residuals))
+    most = _FAR * 1.4826 * interpolated(np.abs(residuals), 0.5)
     residuals = np.minimum(np.maximum(residuals, -most), most)
     return residuals - span @ (span.T @ residuals)
 
@@ -67,19 +68,18 @@ def is_white(jacobian: np.ndarray, residuals: np.ndarray, calm: np.ndarray | Non
         return True  # too few to tell
     residuals = tamed(span_of(jacobian), residuals) if calm is None else calm
     lags = np.arange(1, min(_PIECES, n // 8) + 1)
-    power = np.abs(np.fft.rfft(residuals, 2 * n)) ** 2
-    correlation = np.fft.irfft(power)[: len(lags) + 1]
-    statistic = n * (n + 2) * np.sum((correlation[lags] / correlation[0]) ** 2 / (n - lags))
+    correlation = np.array([residuals[lag:] @ residuals[: n - lag] for lag in lags.tolist()]) / (residuals @ residuals)
+    statistic = n * (n + 2) * (correlation @ (correlation / (n - lags)))
     if chi_square_tail(statistic, len(lags)) < CHANCE:
         return False
     parts = min(BLOCKS, n // (2 * free))
     if parts < 2:
         return True
     hats, scores = _in_parts(jacobian, residuals, parts)
-    values, vectors = np.linalg.eigh(hats)
-    seen = values > np.finfo(float).eps ** 0.75 * values[:, -1:]  # the combinations that a part determines
-    scores = np.einsum("kpi,kp->ki", vectors, scores)
-    gain, used = np.sum(scores[seen] ** 2 / values[seen]), int(np.sum(seen))
+    # a floor drops the combinations that a part does not determine
+    floor = np.finfo(float).eps ** 0.75 * hats.trace(axis1=1, axis2=2)
+    inverse = np.linalg.inv(hats + floor[:, None, None] * np.eye(free))
+    gain, used = np.einsum("kp,kpq,kq", scores, inverse, scores), round((inverse * hats).sum())
     if used <= free or used >= n:
         return True
     ratio = gain / (used - free) / ((np.sum(residuals**2) - gain) / (n - used))

@@ -25,6 +25,8 @@ TILT = np.deg2rad(20.0)  # of a vehicle that brakes or banks
 
 _GOOD = FINDINGS["heading"].limits[0]
 Change = Callable[[Any, Any], Any]
+#: parameters of a symmetric ellipsoid, and their changes over those of its quadric
+_NAMES, _BY_QUADRIC = (*(SOFT[3 * i + j] for i, j in zip(*UPPER, strict=True)), *HARD), np.repeat([0.5, 1.0], [6, 3])[:, None]
 
 
 def judged(asked: Asked, surface: Surface) -> dict[str, Any]:
@@ -89,18 +91,17 @@ def _weakest(surface: Surface) -> tuple[float, str]:
     Columns keep their natural scale, because with columns of unit length a thin band of directions would look well conditioned. A row is
     u'Su + c'u for the changes S and c, with 2 S, the change of the quadric, as parameter.
     """
-    names = [*(SOFT[3 * i + j] for i, j in zip(*UPPER, strict=True)), *HARD]
     if surface.usual is not None:
-        known = of_jacobian(surface.found.near.slopes, names=(*names, *surface.further))
+        known = of_jacobian(surface.found.near.slopes, names=(*_NAMES, *surface.further))
         return float(known.condition), ", ".join(known.weakest)
-    part = np.repeat([0.5, 1.0], [6, 3])[:, None] * (inverse_of("symmetric") @ surface.found.basis)
+    part = _BY_QUADRIC * (inverse_of("symmetric") @ surface.found.basis)
     rows = sphere_rows(unit(rows_of(surface.corrected, surface.rows)))
     squares, vectors = np.linalg.eigh(part.T @ (rows.T @ rows) @ part)
     values, vectors = np.sqrt(np.maximum(squares[::-1], 0.0)), vectors.T[::-1]
     if not values[-1] > 1e-3 * values[0]:  # squares lose the digits of a small one
         values, vectors = np.linalg.svd(np.linalg.qr(rows @ part, mode="r"))[1:]
     condition, weak = (float(values[0] / values[-1]) if values[-1] > 0 else np.inf), np.abs(part @ vectors[-1])
-    return condition, ", ".join(name for name, share in zip(names, weak, strict=True) if share > 0.5 * weak.max())
+    return condition, ", ".join(name for name, share in zip(_NAMES, weak, strict=True) if share > 0.5 * weak.max())
 
 
 def _causes(surface: Surface, costs: Sequence[Any]) -> list[Finding]:

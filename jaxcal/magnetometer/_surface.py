@@ -233,8 +233,10 @@ def _columns(one: Surface, conditions: dict[str, np.ndarray]) -> dict[str, np.nd
         if off.any():
             columns[name] = near.normal * (off / np.abs(off).max())[:, None]
     # averaging over a short time shortens a turning vector in proportion to the square of its rate
-    turn = (np.gradient(unit(one.corrected), axis=0) ** 2).sum(axis=1)[rows]
-    columns[FAST] = ((near.normal * z).sum(axis=1) * turn)[:, None]
+    along = unit(one.corrected)
+    steps = along[1:] - along[:-1]
+    turn = np.concatenate([steps[:1], (steps[1:] + steps[:-1]) / 2, steps[-1:]])[rows]
+    columns[FAST] = ((near.normal * z).sum(axis=1) * (turn * turn).sum(axis=1))[:, None]
     square = near.normal * (z / radius) ** 2
     columns[BENT] = np.concatenate([square, square * z / radius], axis=1)
     return columns
