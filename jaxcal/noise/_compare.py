@@ -137,8 +137,7 @@ def compare(y: Samples, rate: Numbers, *, rivals: Sequence[str] = tuple(_RIVALS)
 
 def _fitted(solved: Solved, base: AnyArray, terms: Sequence[Term], dt: float) -> tuple[AnyArray, float]:
     """Coefficients and cost of a fit of the base terms with others, of one channel."""
-    bins = solved.bins
-    density, weight = bins.density[0], solved.weight[0]
+    bins, density, weight = solved.bins, solved.bins.density[0], solved.weight[0]
     own = [bins.columns[:, base] * solved.among[0, base], *(np.asarray(term.psd(bins.frequency, dt))[:, None] for term in terms)]
     level = np.median(density[weight > 0])
     start = [solved.theta[0, base], *(np.atleast_1d(level / np.median(one)) for one in own[1:])]

@@ -88,43 +88,50 @@ def scoring(
     """
     used = weight > 0 if np.ndim(weight) == 1 else (weight > 0).any(axis=0)
     used = slice(None) if used.all() else used
-    x = columns[used]
-    scale = np.maximum(np.abs(x).max(axis=0), _TINY)
-    x, free, theta = x / scale, np.any(x < 0, axis=0), np.atleast_2d(start * scale)
-    rows, products = np.ascontiguousarray(x.T), (x[:, :, None] * x[:, None, :]).reshape(len(x), -1)
+    x, rows, products, scale, free = _prepared(columns[used].tobytes(), columns.shape[1])
+    theta = np.atleast_2d(start * scale)
     p, base, weight = (np.broadcast_to(values, (len(theta), len(columns)))[:, used] for values in (target, base, weight))
     p, held = np.maximum(p, _TINY**0.25), np.broadcast_to(held, theta.shape)
-    fixed = np.where(held, theta, 0.0)
+    floor, dark = np.where(held, theta, 0.0) @ rows + base, _DARK * p
 
     def cost_of(theta: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:
-        s = np.maximum(theta @ rows + base, _DARK * p)
+        s = np.maximum(theta @ rows + base, dark)
         ratio = p / s
         return s, ratio, 0.5 * np.vecdot(ratio - 1.0 - np.log(ratio), weight)
 
-    active, on = ((theta > 0.0) | free) & ~held, np.arange(len(theta))  # on: the searches that go on
     s, ratio, cost = cost_of(theta)
+    begin, last, active, on = theta, cost, ((theta > 0.0) | free) & ~held, np.arange(len(theta))  # on: the searches that go on
     for k in range(_STEPS):
         # near the maximum the mean of expected and observed information has half the error of the expected one
         own = weight / s
         each = own / s * ratio if k > 1 else own / s
-        goal = (each * (s - base - fixed @ rows) + own * (ratio - 1.0)) @ x
+        goal = (each * (s - floor) + own * (ratio - 1.0)) @ x
         wanted, active = nonnegative((each @ products).reshape(*goal.shape, -1), goal, free, active, held)
-        wanted += fixed
-        begin, step, trial = theta[on], np.ones(len(on)), wanted
+        step, trial = 1.0, (wanted := np.where(held, begin, wanted))
         s, ratio, new = cost_of(trial)
-        while (worse := (new > cost[on]) & (step > _SHORTEST)).any():
-            step[worse] *= 0.5
+        while (worse := (new > last) & (step > _SHORTEST)).any():
+            step = np.where(worse, 0.5, 1.0) * step
             trial = begin + step[:, None] * (wanted - begin)
             s, ratio, new = cost_of(trial)
-        gained = cost[on] - new
+        gained = last - new
         better, more = gained >= 0.0, gained > enough
-        theta[on[better]], cost[on[better]] = trial[better], new[better]
+        theta[on], cost[on] = np.where(better[:, None], trial, begin), np.where(better, new, last)
         if not more.any():
             break
+        begin, last = trial, new
         if not more.all():
-            kept = (s, ratio, active, on, p, base, held, fixed, weight)
-            s, ratio, active, on, p, base, held, fixed, weight = (values[more] for values in kept)
+            on, kept = on[more], (s, ratio, active, p, dark, base, floor, held, weight, begin, last)
+            s, ratio, active, p, dark, base, floor, held, weight, begin, last = (values[more] for values in kept)
     return (theta / scale, cost) if np.ndim(start) > 1 else (theta[0] / scale, float(cost[0]))
+
+
+@functools.lru_cache(maxsize=16)
+def _prepared(held: bytes, count: int) -> tuple[AnyArray, ...]:
+    """So many columns, the largest value of each one, as (bins, p) and (p, bins); their products; their scales; which have either sign."""
+    x = np.frombuffer(held).reshape(-1, count)
+    scale = np.maximum(np.abs(x).max(axis=0), _TINY)
+    x = x / scale
+    return x, np.ascontiguousarray(x.T), (x[:, :, None] * x[:, None, :]).reshape(len(x), -1), scale, np.any(x < 0, axis=0)
 
 
 def nonnegative(gram: AnyArray, target: AnyArray, free: Any, active: AnyArray, held: Any = False) -> tuple[AnyArray, AnyArray]:
@@ -134,24 +141,23 @@ def nonnegative(gram: AnyArray, target: AnyArray, free: Any, active: AnyArray, h
     a condition of the minimum change sides, first all together and then the worst one (J. J. Júdice and F. M. Pires, Comput. Oper. Res.
     21, 1994).
     """
-    size = np.sqrt(gram.diagonal(axis1=-2, axis2=-1))
-    size[size == 0.0] = 1.0
+    size = np.sqrt(np.maximum(gram.diagonal(axis1=-2, axis2=-1), _TINY))
     unit, goal, own = gram / (size[..., :, None] * size[..., None, :]), target / size, _eye(gram.shape[-1])
     unit += _FLAT * _EPS * own
-    enough = _RIDGE * np.abs(goal).max(axis=-1, keepdims=True)
-    theta, bound, movable = goal, np.logical_not(free), np.logical_not(held)
+    enough = np.where(held, np.inf, _RIDGE * np.abs(goal).max(axis=-1, keepdims=True))
+    theta, least = goal, np.where(free, -np.inf, 0.0)
     for k in range(10 * len(own)):
         both = active[..., :, None] & active[..., None, :]
         theta = np.linalg.solve(np.where(both, unit, own), np.where(active, goal, 0.0)[..., None])[..., 0]
         slope = goal - (unit @ theta[..., None])[..., 0]
-        wrong = np.where(active, (theta < 0.0) & bound, (slope > enough) & movable)
+        wrong = np.where(active, theta < least, slope > enough)
         if not wrong.any():
             break
         if k:
             amount = np.where(wrong, np.where(active, -theta, slope), 0.0)
             wrong &= amount == amount.max(axis=-1, keepdims=True)
         active = active ^ wrong
-    return np.maximum(theta, np.where(free, -np.inf, 0.0)) / size, active
+    return np.maximum(theta, least) / size, active
 
 
 def chance(rise: AnyArray | float, freedom: AnyArray | float) -> Any:
@@ -166,10 +172,6 @@ class Limits(NamedTuple):
     high: Float[AnyArray, " p"]
     upper: Float[AnyArray, " p"]
     significance: Float[AnyArray, " p"]
-
-    def scaled(self, unit) -> "Limits":
-        """The limits of squared coefficients in another unit."""
-        return Limits(self.low * unit, self.high * unit, self.upper * unit, self.significance)
 
 
 @functools.cache

@@ -53,10 +53,10 @@ def _fitted(y: Array, rate: float, terms: tuple[Term, ...], confidence: float, b
     scale = jnp.linalg.norm(rows, axis=0)
     unit = rows / scale[None, :]
     covariance = jnp.linalg.inv(unit.T @ unit) / jnp.outer(scale, scale)
-    error, middle = jax.lax.stop_gradient((jnp.sqrt(jnp.diagonal(covariance)), theta))
+    error, middle = jax.lax.stop_gradient((jnp.sqrt(jnp.diagonal(covariance)) * bins.unit, theta * bins.unit))
     both, one = (error * level**0.5 for level in levels_of(confidence))
     limits = Limits(jnp.maximum(middle - both, 0.0), middle + both, middle + one, (middle / error) ** 2)
-    return theta * bins.unit, covariance * bins.unit**2, limits.scaled(bins.unit)
+    return theta * bins.unit, covariance * bins.unit**2, limits
 
 
 def _likeliest(target: Array, columns: Array, weight: Array) -> tuple[Array, tuple]:
