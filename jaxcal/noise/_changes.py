@@ -35,6 +35,7 @@ from ._terms import Term
 #: block means of a record, which have the same lowest ordinates; ordinates that the search uses; rounds of the regression and the fit of
 #: the noise; changes of one record; halvings of the distance in which the place of an event is sought beside those of the grid
 _BLOCKS, _ORDINATES, _ROUNDS, _MOST, _HALVINGS = 1024, 256, 2, 3, 3
+_NEAR = np.array([[0, 0, 0, -1, -1, -1, 1, 1, 1], [0, -1, 1] * 3])  # starts and times beside one
 #: over the length of the record: times at which an event may begin, its time constants, and those with which a sensor follows its
 #: temperature; cycles of a sinusoid in the record
 _STARTS = np.arange(96) / 96
@@ -118,11 +119,13 @@ def _event(start: float, *times: float) -> Change:
 
 def _relaxations(start: Any, times: Any, t: AnyArray) -> AnyArray:
     """(n, times), each from its start or all from one; each changes by one over the record."""
-    times = np.asarray(times)
-    shapes = np.maximum(np.asarray(t)[:, None] - start, 0.0) + np.zeros(len(times))
-    step, curve = times == 0.0, (times > 0.0) & (times < np.inf)
-    shapes[:, step] = shapes[:, step] > 0.0
-    shapes[:, curve] = -np.expm1(-shapes[:, curve] / times[curve])
+    times, t, size = np.asarray(times), np.asarray(t)[:, None], round(len(t) ** 0.5) + 1
+    finite, line = np.where(times > 0.0, times, np.inf), times == np.inf
+    # exponentials at evenly spaced times, as products
+    left = np.exp((start - t[::size]) / finite)[:, None] * np.exp((t[0] - t[:size]) / finite)
+    shapes = 1.0 - left.reshape(-1, len(times))[: len(t)]
+    shapes[:, times == 0.0], shapes[:, line] = 1.0, (t - start + np.zeros(len(times)))[:, line]
+    shapes *= t > start
     return shapes / np.maximum(shapes[-1], np.finfo(float).tiny)
 
 
@@ -162,22 +165,23 @@ def _ratios(rests: AnyArray, densities: AnyArray, x: AnyArray, products: AnyArra
     score = ((rests / densities).reshape(-1, len(x)) @ x.reshape(len(x), -1)).reshape(*rests.shape[:-1], count, p)
     size = ((1.0 / densities).reshape(-1, len(x)) @ products.reshape(len(x), -1)).reshape(*score.shape, p)
     if p == 1:
-        size = size[..., 0]
-        return np.sum(np.where(size > 0.0, score**2 / np.where(size > 0.0, size, 1.0), 0.0), axis=(-3, -1))
+        return np.sum(score**2 / np.maximum(size[..., 0], np.finfo(float).tiny), axis=(-3, -1))
     return np.sum(score * np.linalg.solve(size, score[..., None])[..., 0], axis=(-3, -1))
 
 
-def _sharpened(event: Change, x: AnyArray, low: _Low, rests: AnyArray, densities: AnyArray) -> tuple[Change, AnyArray]:
-    """The event between those of the grid, and its ordinates (ordinates, 1), that describe the rests best."""
-    away, apart = 0.5 * (low.times[-1] + low.times[0]) * _STARTS[1], 0.5
+def _sharpened(events: Sequence[Change], low: _Low, rests: AnyArray, densities: AnyArray) -> list[tuple[Change, AnyArray]]:
+    """The events between those of the grid, and their ordinates (ordinates, 1), that describe the rests (events, axes, ordinates) best."""
+    starts, times = np.array([[one.start, one.time] for one in events]).T[:, :, None]
+    away, apart = 0.5 * (low.times[-1] + low.times[0]) * _STARTS[1] * (starts > 0.0), 0.5 * ((times > 0.0) & (times < np.inf))
+    white, precision, each = rests / densities, 1.0 / densities, np.arange(len(events))
+    moves = _NEAR[:, : None if starts.any() else 3]
     for _ in range(_HALVINGS):
-        starts = event.start + (away * np.array([0.0, -1.0, 1.0]) if event.start else np.zeros(1))
-        times = event.time * 2.0 ** (apart * (np.array([0.0, -1.0, 1.0]) if 0.0 < event.time < np.inf else np.zeros(1)))
-        starts, times = np.repeat(starts, len(times)), np.tile(times, len(starts))
-        near = low.transform(_relaxations(starts, times, low.times))[:, :, None]
-        best = int(np.argmax(_ratios(rests, densities, near, near[..., None] ** 2)))
-        event, x, away, apart = _event(float(starts[best]), float(times[best])), near[:, best], away / 2.0, apart / 2.0
-    return event, x
+        starts, times = starts + away * moves[0], times * 2.0 ** (apart * moves[1])
+        near = low.transform(_relaxations(starts.ravel(), times.ravel(), low.times)).reshape(-1, *starts.shape).swapaxes(0, 1)
+        ratios = np.sum((white @ near) ** 2 / np.maximum(precision @ near**2, np.finfo(float).tiny), axis=1)
+        best = np.argmax(ratios, axis=1)
+        starts, times, away, apart = starts[each, best, None], times[each, best, None], away / 2.0, apart / 2.0
+    return [(_event(float(starts[i, 0]), float(times[i, 0])), near[i, :, [k]].T) for i, k in enumerate(best)]
 
 
 @functools.cache
@@ -275,13 +279,11 @@ def _candidates(rests, both, families, levels, low: _Low) -> list[tuple[int, str
     tried: list[Any] = []
     for part, family, (listed, x, products) in families:
         ratios = _ratios(rests[part], both[part], x, products)
-        best = np.argmax(ratios, axis=-1)
-        for i, j in zip(*np.nonzero(np.max(ratios, axis=-1) > levels[family] - _LEVELS["beside"]), strict=True):
-            place, density = int(i) + (part.start or 0), int(j)
-            change, ordinates = listed[best[i, j]], x[:, best[i, j]]
-            if family in ("event", "edge"):
-                change, ordinates = _sharpened(change, ordinates, low, rests[place, density], both[place, density])
-            tried.append((place, family, change, ordinates))
+        at = np.nonzero(np.max(ratios, axis=-1) > levels[family] - _LEVELS["beside"])
+        found = [(listed[k], x[:, k]) for k in np.argmax(ratios, axis=-1)[at]]
+        if found and family in ("event", "edge"):
+            found = _sharpened([one for one, _ in found], low, rests[part][at], both[part][at])
+        tried += [(place, family, *one) for place, one in zip((at[0] + (part.start or 0)).tolist(), found, strict=True)]
     return tried
 
 
@@ -323,7 +325,6 @@ def _refitted(records, columns, bases, designs, begun, held: Any = False) -> tup
     of all axes. `begun` are those of a last fit, of which some are `held`.
     """
     starts, count = log_groups(len(columns), keep_tail=True)
-    count = count.astype(float)
 
     def means(values):
         return np.add.reduceat(values, starts, axis=-1) / count
