@@ -239,10 +239,8 @@ class Observed:
             squares = np.maximum(squares + np.sum(parts, axis=0), 0.0)
             self.doubts = self._doubts(own, cross) * self.dt / count
         if not np.sum(squares) > _NOTHING**2 * power:
-            raise DataError(
-                "the record is a step, a ramp or another smooth change to within rounding: there is no noise to characterise. Check that "
-                "the log holds what the sensor sent"
-            ).of(self.name)
+            why = "there is no noise to characterise. Check that the log holds what the sensor sent"
+            raise DataError(f"the record is a step, a ramp or another smooth change to within rounding: {why}").of(self.name)
         share = np.clip(1.0 - lost / count, 0.0, 1.0)
         weight = np.where(share < _LEAST, 0.0, count * share * self._there)
         ordinates = self.dt * np.maximum(squares, rounding) / count / np.maximum(share, _LEAST)

@@ -79,10 +79,8 @@ class Record:
                 first = np.flatnonzero(np.isinf(x))[0]
                 raise DataError(f"the record is infinite, first at sample {first}; replace infinite values by NaN", code="record").of(name)
             if low == high:
-                raise DataError(
-                    "the record is constant (every sample equal): there is no noise to characterise. Check that the sensor was running "
-                    "and that its resolution is finer than its noise; leave a dead channel out"
-                ).of(name)
+                why = "Check that the sensor was running and that its resolution is finer than its noise; leave a dead channel out"
+                raise DataError(f"every sample is equal: there is no noise to characterise. {why}").of(name)
         y = np.array(self.channels, dtype=float)
         self.aside = bursts(y.T, rate) if self.aside is None else self.aside
         for first, last in self.aside:
@@ -134,10 +132,10 @@ def clusters(samples: int, terms: Sequence[Any]) -> np.ndarray:
     """Cluster sizes for a fit: about 25 log-spaced, from 1 to a quarter of the record."""
     needed = 4 * (len(terms) + 3)
     if samples < needed:
+        more = f"record {needed} or more (an hour or more, for bias instability), or ask for fewer terms"
         raise DataError(
-            f"{samples} sample{'s are' if samples != 1 else ' is'} too short a record to fit {len(terms)} noise terms; "
-            f"record at least {needed} samples (an hour or more, for bias instability), or ask for fewer terms", code="too_short",
-        )  # fmt: skip
+            f"a record of {samples} sample{'s' * (samples != 1)} is too short to fit {len(terms)} noise terms; {more}", code="too_short"
+        )
     return np.unique(np.round(np.logspace(0.0, np.log10(samples // 4), _CLUSTERS)).astype(np.int64))
 
 

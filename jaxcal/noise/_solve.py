@@ -124,9 +124,8 @@ def _solved(whole: Bins, columns: tuple[Term, ...], band, automatic: Any) -> Sol
     bins = inside(whole, band)
     count = int(np.min(np.sum(bins.weight > 0, axis=1)))
     if count <= len(columns):
-        raise DataError(
-            f"{count} frequency bins are left for {len(columns)} terms; record longer without gaps, widen the band, or ask for fewer terms"
-        )
+        more = "record longer without gaps, widen the band, or ask for fewer terms"
+        raise DataError(f"{count} frequency bins are left for {len(columns)} terms; {more}")
     group, none = groups_of(whole.weight), np.zeros(len(bins.weight))
     solved = _fitted(Solved(bins, columns, none, bins.weight.copy(), none, none, none, none, none > 0.0, none.copy()), group)
     solved = solved._replace(lines=find_lines(bins, solved.level))

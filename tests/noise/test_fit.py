@@ -189,22 +189,22 @@ def test_characterise_names_channels_and_reports_progress():
 
 
 def test_characterise_names_the_channel_that_cannot_be_used():
-    with pytest.raises(DataError, match=r"gyro_x: .*constant"):
+    with pytest.raises(DataError, match=r"gyro_x: .*equal"):
         characterise(jaxcal.Log(None, gyro=np.full((4000, 3), 0.5), rate=RATE))
 
 
 @pytest.mark.parametrize(
     ("y", "options", "words"),
     [
-        (np.full(1000, 3.0), {}, "constant (every sample equal)"),
-        (np.arange(20.0), {}, "too short a record to fit 4 noise terms"),
-        (np.zeros(1), {}, "1 sample is too short"),
+        (np.full(1000, 3.0), {}, "every sample is equal"),
+        (np.arange(20.0), {}, "too short to fit 4 noise terms"),
+        (np.zeros(1), {}, "of 1 sample is too short"),
         (np.random.default_rng(0).standard_normal(1000), {"method": "magic"}, "unknown method"),
         (np.random.default_rng(0).standard_normal(1000), {"terms": ("N", "X")}, "distinct names among Q, N, B, K, R"),
         (np.random.default_rng(0).standard_normal(1000), {"band": (1.0, 1.1)}, "too few for 4 terms"),
         (np.random.default_rng(0).standard_normal(1000), {"band": 3.0}, "(shortest, longest)"),
         (np.array([0.0, np.inf] * 500), {}, "infinite values"),
-        (np.stack([np.arange(100.0) % 7, np.ones(100)], axis=1), {}, "channel 1: the record is constant"),
+        (np.stack([np.arange(100.0) % 7, np.ones(100)], axis=1), {}, "channel 1: every sample is equal"),
     ],
 )
 def test_messages(y, options, words):
