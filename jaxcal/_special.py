@@ -1,9 +1,8 @@
-"""Chi-square, Fisher's F, Student's t and Kendall's tau on the host without SciPy, whose parts take up to a second to load.
+"""Chi-square, Fisher's F and Student's t on the host without SciPy, whose special functions take a fifth of a second to load.
 
 Commands that need no more of SciPy than a p value and an interval answer sooner. Tests compare every function here with SciPy.
 """
 
-import functools
 import math
 import statistics
 from typing import Any
@@ -14,7 +13,6 @@ import numpy as np
 NORMAL95 = statistics.NormalDist().inv_cdf(0.975)
 #: degrees of freedom from which the expansion of Student's quantile about the normal one is exact to 1e-12
 _MANY = 500.0
-_EXACT = 33  # values up to which the law of swaps is summed, as SciPy does
 
 
 def chi_square_tail(value: Any, freedom: Any) -> np.ndarray | np.float64:
@@ -152,39 +150,3 @@ def _fraction(x: float, a: float, b: float) -> float:
         if abs(d * c - 1.0) < 1e-16:
             break
     return value
-
-
-def kendall(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Kendall's tau-b of values (n,), and the chance of one as large: exact for few values that all differ, and else by the normal law.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from jaxcal._special import kendall
-    >>> tau, chance = kendall(np.arange(5.0), np.array([0.0, 1.0, 3.0, 2.0, 4.0]))
-    >>> round(tau, 3), round(chance, 3)
-    (0.8, 0.083)
-
-    References
-    ----------
-    M. G. Kendall, Rank correlation methods, 1970, sections 1.9, 3.5, 4.4 and 5.2.
-    """
-    n, order = len(x), np.lexsort((y, x))
-    x, y = (np.unique(one, return_inverse=True)[1][order] for one in (x, y))
-    swaps = 0  # pairs in the wrong order: those that the bit tells apart, where all higher bits are equal
-    for bit in range(int(y.max()).bit_length()):
-        at = np.argsort(y >> bit + 1, kind="stable")
-        group, one = y[at] >> bit + 1, y[at] >> bit & 1
-        before = np.cumsum(one) - one
-        swaps += int((before - before[np.searchsorted(group, group)])[one == 0].sum())
-    pairs, counts = n * (n - 1) / 2, [np.unique(one, return_counts=True)[1].astype(float) for one in (x, y, x * n + y)]
-    tied = [float((count * (count - 1)).sum() / 2) for count in counts]
-    score = pairs - tied[0] - tied[1] + tied[2] - 2 * swaps
-    tau = score / math.sqrt((pairs - tied[0]) * (pairs - tied[1]))
-    if not any(tied) and n <= _EXACT:
-        shares = functools.reduce(lambda shares, k: np.convolve(shares, np.full(k, 1 / k)), range(2, n + 1), np.ones(1))
-        return tau, min(1.0, 2 * float(shares[: int(min(swaps, pairs - swaps)) + 1].sum()))
-    three = [float((count * (count - 1) * (count - 2)).sum()) for count in counts]
-    five = [float((count * (count - 1) * (2 * count + 5)).sum()) for count in counts]
-    variance = (2 * pairs * (2 * n + 5) - five[0] - five[1]) / 18 + tied[0] * tied[1] / pairs + three[0] * three[1] / (18 * pairs * (n - 2))
-    return tau, math.erfc(abs(score) / math.sqrt(2 * variance))

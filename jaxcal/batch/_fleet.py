@@ -10,10 +10,11 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
+import scipy  # loads its parts when they are first used
 
 from .._answer import Number
 from .._files import shown
-from .._special import NORMAL95, kendall, student_quantile
+from .._special import NORMAL95
 from ..noise._sections import bound_of
 from ._findings import FEWEST
 
@@ -271,7 +272,7 @@ def _one(name: str, done: Sequence[Entry], number: int, along: dict[str, np.ndar
         scores = np.where(np.abs(x - middle) > 0, (x - middle) / total, np.where(here, 0.0, np.nan))
     # Student's t with half the degrees of freedom, because the median absolute deviation of few values is itself uncertain: for simulated
     # Gaussian fleets of 5 to 300 logs the probability of a false alarm is 4 to 6 %
-    limit = np.inf if n < FEWEST else float(student_quantile((n - 1) / 2, 1 - _FALSE_ALARM / (2 * n * number)))
+    limit = np.inf if n < FEWEST else float(scipy.special.stdtrit((n - 1) / 2, 1 - _FALSE_ALARM / (2 * n * number)))
     median = float(np.median(values[here]))
     low, high = (float(end) for end in np.quantile(values[here], [0.05, 0.95]))
     found = []
@@ -296,11 +297,10 @@ def _trend(name: str, along: str, places: np.ndarray, all_values: np.ndarray, un
     at, values = places[here], all_values[here]
     if len(values) < FEWEST or np.ptp(at) == 0 or np.ptp(values) == 0:
         return None
-    tau, p = kendall(at, values)
+    tau, p = (float(value) for value in np.asarray(scipy.stats.kendalltau(at, values)))
     if not p * number < _FALSE_ALARM:
         return None
-    apart, change = (np.subtract.outer(one, one) for one in (at, values))
-    slope = float(np.median(change[apart > 0] / apart[apart > 0]))  # of Theil and Sen
+    slope = float(np.asarray(scipy.stats.theilslopes(values, at))[0])
     what = "day" if along == "date" else "step"
     reason = (
         f"{name} {'rises' if slope > 0 else 'falls'} with the {along}: {abs(slope):.3g}{' ' * bool(unit)}{unit} per {what}, "
