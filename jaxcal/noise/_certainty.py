@@ -46,16 +46,14 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._types import AnyArray
-from ..evidence._uneven import BLOCKS, beyond_chance, is_named
+from ..evidence._uneven import BLOCKS, beyond_chance, energies_in_blocks, is_named
 from ..spectrum._average import log_groups
 from ._likelihood import PRESENT, Limits, density, information, inverse, levels_of, profile_limits, scoring
 from ._observed import Observed
 from ._solve import FAST, Solved
 from ._terms import BUILT_IN, GaussMarkov, Term
 
-#: share of the information on a coefficient that the ordinates used must hold; ordinates that are used at least; independent energies that
-#: a block must hold; with fewer, its energy follows no known law
-_ENOUGH, _FEWEST, _INDEPENDENT = 0.95, 64, 1.0
+_INDEPENDENT = 1.0  # energies that a block must hold; with fewer, its energy follows no known law
 _OCTAVES = 3.0  # below the end of the band, at which the highest corner lies; nearer to it, N of every record has a wide interval
 #: twice the gain in log likelihood, and rms logarithm of the ratio of the densities, from which the rival is another spectrum: records of
 #: N, B and K reach both in less than 1 % (`benchmarks/real_noise.py`)
@@ -131,8 +129,9 @@ def _widening(solved: Solved, dt: float, observed: Sequence[Observed]) -> tuple[
     loudest, scale = np.full((*theta.shape, 2), np.nan), np.sign(bins.columns[-1]) * (dt / bins.unit)[:, None]
     evidence = np.where(weight[:, None] > 0, np.abs(bins.columns.T) / model[:, None], 0.0) * there[..., None]
     energies, worth = np.zeros((*theta.shape, BLOCKS[0])), np.zeros(theta.shape)
+    count = log_groups(len(observed[0].y) - 1, keep_tail=True)[1]
     for i, one in enumerate(observed):
-        energies[i], worth[i] = _energies(one.spectrum(), evidence[i], model[i])
+        energies[i], worth[i] = energies_in_blocks(one.spectrum(), count, evidence[i], model[i])
     energies *= scale[..., None]
     back = inverse(information(bins.columns, weight, theta, there))
     own = np.maximum(np.diagonal(back, axis1=1, axis2=2), _TINY)
@@ -178,34 +177,6 @@ def _of_octaves(solved: Solved, model: AnyArray) -> AnyArray:
     expected = share * variances / total
     freedom = expected.sum(axis=1) ** 2 / np.maximum(np.sum(expected**2, axis=1), _TINY)
     return beyond_chance(np.sum(share * squares, axis=1) / total[:, 0], np.maximum(freedom, 1.0))
-
-
-def _energies(spectrum: AnyArray, evidence: AnyArray, model: AnyArray) -> tuple[AnyArray, AnyArray]:
-    """Energies of the scores of coefficients in each of ten blocks, (p, blocks), and the numbers of chi-squares that they are worth, (p,).
-
-    `evidence` are the columns over the `model` in the bins of a record, (p, bins), zero of coefficients that are not looked at.
-    """
-    count, n = log_groups(len(spectrum), keep_tail=True)[1], len(spectrum)
-    # single precision is enough for energies, and takes half the time; of a step alone nothing is left as noise, which exceeds its range
-    largest = max(float(np.max(spectrum)), -float(np.min(spectrum))) or 1.0
-    single = np.divide(spectrum, largest, dtype=np.float32, casting="same_kind")
-    energies, worth = np.zeros((len(evidence), BLOCKS[0])), np.zeros(len(evidence))
-    for row in np.flatnonzero(evidence.any(axis=1)):
-        own = evidence[row]
-        # ordinates that hold nearly all information, in a number with a fast transform
-        total = np.cumsum(count * own**2)
-        wanted = max(int(np.sum(count[: np.searchsorted(total, _ENOUGH * total[-1]) + 1])), _FEWEST)
-        needed = n if wanted > n // 4 else min(int(scipy.fft.next_fast_len(wanted, real=True)), n)
-        held, root = np.diff(np.minimum(np.cumsum(count), needed), prepend=0), np.sqrt(own / model)  # ordinates of each bin
-        level, share = float(root.max()), own / own.max()
-        # u^2 has twice the bandwidth of u
-        ordinates = np.zeros(n + 1 if needed == n else 2 * needed, dtype=np.float32)
-        np.multiply(np.repeat((root / level).astype(np.float32), held), single[:needed], out=ordinates[1 : needed + 1])
-        u = np.asarray(scipy.fft.idct(ordinates, norm="ortho", overwrite_x=True))
-        blocks = np.split(u, np.rint(np.arange(1, BLOCKS[0]) * len(u) / BLOCKS[0]).astype(int))
-        energies[row] = (level * largest) ** 2 * np.array([np.vdot(one, one) for one in blocks], dtype=float)
-        worth[row] = float((held @ share) ** 2 / (held @ share**2))
-    return energies, worth
 
 
 def _rival(solved: Solved, dt: float, duration: float, levels: tuple[float, float], widened: AnyArray) -> tuple[Any, ...]:

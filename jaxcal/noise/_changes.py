@@ -27,6 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._arrays import product
 from .._types import AnyArray
 from ..spectrum._average import log_groups
 from ._likelihood import scoring
@@ -123,10 +124,14 @@ def _relaxations(start: Any, times: Any, t: AnyArray) -> AnyArray:
     finite, line = np.where(times > 0.0, times, np.inf), times == np.inf
     # exponentials at evenly spaced times, as products
     left = np.exp((start - t[::size]) / finite)[:, None] * np.exp((t[0] - t[:size]) / finite)
-    shapes = 1.0 - left.reshape(-1, len(times))[: len(t)]
-    shapes[:, times == 0.0], shapes[:, line] = 1.0, (t - start + np.zeros(len(times)))[:, line]
+    shapes = left.reshape(-1, len(times))[: len(t)]
+    np.subtract(1.0, shapes, out=shapes)
+    shapes[:, times == 0.0] = 1.0
+    if line.any():
+        shapes[:, line] = (t - start + np.zeros(len(times)))[:, line]
     shapes *= t > start
-    return shapes / np.maximum(shapes[-1], np.finfo(float).tiny)
+    shapes /= np.maximum(shapes[-1], np.finfo(float).tiny)
+    return shapes
 
 
 def _wave(frequency: float, t: AnyArray) -> AnyArray:
@@ -162,8 +167,8 @@ def _ratios(rests: AnyArray, densities: AnyArray, x: AnyArray, products: AnyArra
     """Likelihood ratio (..., changes) of each change over the records of all axes, (..., axes, ordinates), of these densities."""
     _, count, p = x.shape
     # one product for all records of all densities
-    score = ((rests / densities).reshape(-1, len(x)) @ x.reshape(len(x), -1)).reshape(*rests.shape[:-1], count, p)
-    size = ((1.0 / densities).reshape(-1, len(x)) @ products.reshape(len(x), -1)).reshape(*score.shape, p)
+    score = product((rests / densities).reshape(-1, len(x)), x.reshape(len(x), -1)).reshape(*rests.shape[:-1], count, p)
+    size = product((1.0 / densities).reshape(-1, len(x)), products.reshape(len(x), -1)).reshape(*score.shape, p)
     if p == 1:
         return np.sum(score**2 / np.maximum(size[..., 0], np.finfo(float).tiny), axis=(-3, -1))
     return np.sum(score * np.linalg.solve(size, score[..., None])[..., 0], axis=(-3, -1))

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._arrays import ALONE
 from .._types import AnyArray, Float
 
 FAINT = 0.01  # in several starts one column begins with this fraction of an equal share
@@ -86,6 +87,12 @@ def scoring(
     base : density that is always there. Like target and weight, each search may have its own.
     held : (searches, p) coefficients that stay as they start.
     """
+    most = max(ALONE // (columns.size * columns.shape[1]), 1)
+    if np.ndim(start) > 1 and len(start) > most:  # more at once take as long each
+        given = (target, weight, start, base, held)
+        parts = ([one[i : i + most] if np.ndim(one) > 1 else one for one in given] for i in range(0, len(start), most))
+        found = [scoring(columns, *part, enough=enough) for part in parts]
+        return np.concatenate([theta for theta, _ in found]), np.concatenate([cost for _, cost in found])
     used = weight > 0 if np.ndim(weight) == 1 else (weight > 0).any(axis=0)
     used = slice(None) if used.all() else used
     x, rows, products, scale, free = _prepared(columns[used].tobytes(), columns.shape[1])

@@ -190,6 +190,8 @@ class Observed:
 
     def _centred(self, x: np.ndarray) -> np.ndarray:
         """Functions of time, (p, n), less their means, with the gaps of the record."""
+        if not len(self._open):
+            return x - x.mean(axis=1, keepdims=True)
         x = np.array(x, dtype=float)
         x[:, self._open] = 0.0
         x -= x.sum(axis=1, keepdims=True) / (x.shape[1] - len(self._open))
