@@ -21,7 +21,7 @@ _LANE, _PIECE = 1 << 12, 1 << 18
 ALONE = 1 << 18
 
 
-def product(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+def product(one: Any, other: Any) -> np.ndarray:
     """`one @ other` of matrices by one thread, in parts of the columns.
 
     Examples

@@ -10,6 +10,7 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._answer import Finding, Table
+from .._types import AnyArray
 from ._values import HIDDEN
 
 #: blocks of the record; fewer ones see slower changes of the level
@@ -117,7 +118,7 @@ def _neighbours(values: np.ndarray, order: int) -> np.ndarray:
     return np.diff(values[: len(values) // count * count].reshape(count, -1)[:, :_USED], order)
 
 
-def energies_in_blocks(spectrum: np.ndarray, count: np.ndarray, evidence: np.ndarray, model: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def energies_in_blocks(spectrum: AnyArray, count: AnyArray, evidence: AnyArray, model: AnyArray) -> tuple[np.ndarray, np.ndarray]:
     """Energies of the scores of coefficients of a noise model in ten blocks of time, (p, blocks), and their worth in chi-squares, (p,).
 
     `spectrum` are the ordinates by the orthonormal DCT-II without that of the mean, of which each bin holds the `count`. `evidence` are the
@@ -150,7 +151,7 @@ def energies_in_blocks(spectrum: np.ndarray, count: np.ndarray, evidence: np.nda
     return energies * largest**2, worth
 
 
-def _in_blocks(spectrum: np.ndarray, root: np.ndarray, held: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+def _in_blocks(spectrum: AnyArray, root: AnyArray, held: AnyArray, shape: tuple[int, int]) -> np.ndarray:
     """Energies (bands, blocks of time) of ordinates times the root in their bins, with so many `held`; `shape`: bands, and their width."""
     level, ordinates = float(root.max()), np.zeros(shape, dtype=np.float32)
     count = int(held.sum())
