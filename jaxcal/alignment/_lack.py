@@ -111,14 +111,9 @@ class _Look:
         self.turned = each[:, :, None] * np.eye(self.rests)[rest]
         self.data = with_angle_errors(data, found.model, parts.positions, gravity, parts.lever_arm)
 
-    def _less(self, effect: np.ndarray) -> Table:
-        """Readings without an effect (2, n)."""
-        effect = np.stack([long(one, self.data.readings.shape[1]) for one in effect])
-        return dataclasses.replace(self.data, readings=self.data.readings - effect)
-
-    def rows(self, values: np.ndarray, data: Table | None = None) -> np.ndarray:
+    def rows(self, values: np.ndarray) -> np.ndarray:
         """Whitened residuals at these parameters."""
-        return np.asarray(residuals(with_values(self.model, values), self.data if data is None else data))
+        return np.asarray(residuals(with_values(self.model, values), self.data))
 
     def searched(self, sensor: str, scattered: float) -> tuple[Missing | None, np.ndarray]:
         """The term of a sensor that the readings show, which moves into `values` and `data`; and what the others add to the covariance.
@@ -128,7 +123,7 @@ class _Look:
         terms, best = self.terms[sensor], None
         for _ in range(_PASSES):
             rows, slope = self.rows(self.values), self._slope()
-            made = {name: self._moved(effect, rows) for name, effect in terms.items()}
+            made = {name: self._moved(effect, len(rows)) for name, effect in terms.items()}
             tried = [one for one in missing(rows, slope, made, 1.0) if np.all(np.isfinite(one.covariance))]
             none = max(0.0, np.log(LEVEL / max(len(terms), 1)) - scattered)
             odds = np.array([none, *(np.log(LEVEL) - one.log_level for one in tried)])
@@ -142,7 +137,8 @@ class _Look:
         allowed = np.einsum("k,ki,kj->ij", share, shift - shift[at], shift - shift[at])
         allowed += sum(weight * one.change @ one.covariance @ one.change.T for weight, one in zip(share[1:], tried, strict=True))
         if at and best is not None:
-            self.data = self._less(terms[best.name] @ best.coefficient)
+            effect = np.stack([long(one, self.data.readings.shape[1]) for one in terms[best.name] @ best.coefficient])
+            self.data = dataclasses.replace(self.data, readings=self.data.readings - effect)
         return best if at else None, allowed
 
     def _slope(self) -> np.ndarray:
@@ -150,9 +146,10 @@ class _Look:
         steps = np.diag(SMALL * self.sizes)[self.free]
         return np.stack([(self.rows(self.values + h) - self.rows(self.values - h)) / (2 * h.max()) for h in steps], axis=1)
 
-    def _moved(self, effect: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """Change of the whitened residuals by effects (2, n, q), (rows, q)."""
-        return np.stack([self.rows(self.values, self._less(-one)) - rows for one in np.moveaxis(effect, 2, 0)], axis=1)
+    def _moved(self, effect: np.ndarray, length: int) -> np.ndarray:
+        """Change of the whitened residuals by effects (2, n, q), (length, q); none of those of priors."""
+        off, weight = np.concatenate([long(one, self.data.readings.shape[1]) for one in effect]), self.data.weight
+        return long(-(weight[:, None] * off if weight.ndim == 1 else weight @ off), length, 0.0)
 
     def angles(self) -> np.ndarray:
         """(p, p) what errors of the table's angles add to the covariance, by what the residuals leave possible.
@@ -161,7 +158,7 @@ class _Look:
         probable.
         """
         rows, slope = self.rows(self.values), self._slope()
-        made, basis = self._moved(self.turned, rows), np.linalg.qr(slope)[0]
+        made, basis = self._moved(self.turned, len(rows)), np.linalg.qr(slope)[0]
         likely, added = [], []
         for which in (np.eye(self.rests), self.places[:, None] == np.unique(self.places)):
             effect, change = made @ which, np.zeros((len(self.values), which.shape[1]))

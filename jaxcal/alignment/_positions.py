@@ -38,6 +38,9 @@ METHODS: dict[str, dict[str, dict[str, tuple[int, ...]]]] = {
         "maximum": {}, "bias_and_scale": {"x": (0, 90, 180)}, "scale_first": {"x": (0, 90, 180)}, "triad": {"x": (0, 90, 180), "z": (0,)},
     },
 }  # fmt: skip
+#: the body axes, the projection on each, and the cross product with each
+_BODY = np.array(MOUNTINGS["x"][1], dtype=float)
+_ALONG, _ACROSS = _BODY[:, :, None] * _BODY[:, None], np.stack([np.cross(one, _BODY).T for one in _BODY])
 
 
 def wanted(sensor: str, method: str) -> list[tuple[str, float]]:
@@ -62,8 +65,8 @@ def table_from_nav(phi: Real, theta: Real, psi: Real) -> AnyArray:
 
 def _turn(axis: int, angle: Real) -> AnyArray:
     """Rotation matrix (3, 3) from axes to those turned by an angle about one of them."""
-    xp, along = array_module(angle), np.outer(np.eye(3)[axis], np.eye(3)[axis])
-    return along + xp.cos(angle) * (np.eye(3) - along) - xp.sin(angle) * np.cross(np.eye(3)[axis], np.eye(3)).T
+    xp = array_module(angle)
+    return _ALONG[axis] + xp.cos(angle) * (_BODY - _ALONG[axis]) - xp.sin(angle) * _ACROSS[axis]
 
 
 class Positions(eqx.Module):

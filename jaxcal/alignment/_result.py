@@ -205,10 +205,10 @@ class AlignmentFit(Bound):
         return has_number(self.outcome)
 
     def _value(self, name: str) -> Any:
-        if is_traced(self.estimate.values):
-            return self.estimate.values[self.estimate.names.index(name)]
-        number = self.estimate[name]
-        return None if number.state == "open" else float(number.value)
+        own, at = self.estimate, self.estimate.names.index(name)
+        if is_traced(own.values):
+            return own.values[at]
+        return None if own.states.get(name) == "open" else float(own.values[at])
 
     @property
     def phi(self) -> Any:

@@ -1,7 +1,6 @@
 """`Motion`: what the sensors feel while the errors grow, and its means over cells of time."""
 
 import equinox as eqx
-import jax
 import numpy as np
 import scipy  # loads its parts when they are first used
 
@@ -101,9 +100,9 @@ class Motion(eqx.Module):
         width = min(max(round(log.rate), 2), len(rate))
         quiet = slice(first := int(np.argmin(windowed_variance(rate, width))), first + width)
         rate = rate - rate[quiet].mean(axis=0)
-        turns = from_vector(rate / log.rate)
-        with jax.enable_x64(True):
-            ends = np.asarray(jax.lax.associative_scan(lambda a, b: a @ b, turns))
+        ends = from_vector(rate / log.rate)
+        for step in 1 << np.arange(len(ends).bit_length()):  # each product then spans twice as many samples
+            ends = np.concatenate([ends[:step], ends[:-step] @ ends[step:]])
         attitude = np.concatenate([np.eye(3)[None], ends[:-1]]) @ from_vector(rate / log.rate / 2)
         up = np.mean(attitude[quiet] @ force[quiet][..., None], axis=0)[:, 0]
         level = scipy.spatial.transform.Rotation.align_vectors(UP, up)[0].as_matrix()

@@ -49,22 +49,23 @@ def noise_of(calibration: Calibration) -> DeviceNoise:
 def per_sensor(calibration: Calibration, options: Any) -> dict[str, tuple[AnyArray, AnyArray, str, list[Finding]]]:
     """Sensor -> N and K of its three axes, N under the motion if one is given, their origin, and findings."""
     found = {sensor: _per_axis(noise_of(calibration), sensor, options) for sensor in ("accel", "gyro")}
-    for sensor, (n, k, how, said) in found.items():
-        times, more = under_motion(calibration, sensor, options)
-        found[sensor] = n * times, k, how + more, said
-    return found
+    moved = under_motion(calibration, options)
+    return {sensor: (moved[sensor][0] * n, k, how + moved[sensor][1], said) for sensor, (n, k, how, said) in found.items()}
 
 
-def under_motion(calibration: Calibration, sensor: str, options: Any) -> tuple[float, str]:
-    """By what N has to be multiplied under the motion, and how that came about."""
+def under_motion(calibration: Calibration, options: Any) -> dict[str, tuple[float, str]]:
+    """By what N of each sensor that has one has to be multiplied under the motion, and how that came about."""
+    groups = {"gyro": "tilt", "accel": "velocity"}
     if options.motion is None:
-        return 1.0, ""
+        return dict.fromkeys(groups, (1.0, ""))
     if options.window > options.motion.duration:
         raise ExportError(f"the motion lasts {options.motion.duration:g} s, less than a window", code="window")
-    told = increments(calibration, options.motion, windows=[options.window])
-    times, group = float(told.factor(sensor)[0]), {"gyro": "tilt", "accel": "velocity"}[sensor]
-    causes = ", ".join(f"{cause} {100 * share:.0f} %" for cause, share in told.largest(group, options.window))
-    return times, f"; N times {times:.4g} for increments over {options.window:g} s under the motion ({group} from {causes})"
+    told, found = increments(calibration, options.motion, windows=[options.window]), {}
+    for sensor in (one for one in groups if f"{one} N" in told.contributions):
+        times, shares = float(told.factor(sensor)[0]), told.largest(groups[sensor], options.window)
+        causes = f"{groups[sensor]} from {', '.join(f'{cause} {100 * share:.0f} %' for cause, share in shares)}"
+        found[sensor] = times, f"; N times {times:.4g} for increments over {options.window:g} s under the motion ({causes})"
+    return found
 
 
 def _per_axis(device: DeviceNoise, sensor: str, options: Any) -> tuple[AnyArray, AnyArray, str, list[Finding]]:
@@ -82,9 +83,8 @@ def rate_of(noise: DeviceNoise, calibration: Calibration, options: Any, use: str
     """Sampling rate to write in Hz, with a finding if it was only estimated; `use` says what depends on it."""
     if options.rate is not None:
         return float(options.rate), []
-    if (calibration.provenance or {}).get("rate") == "given":
-        return noise.rate, []
-    return noise.rate, [FINDINGS("rate_estimated", rate=noise.rate, use=use)]
+    given = (calibration.provenance or {}).get("rate") == "given"
+    return noise.rate, [] if given else [FINDINGS("rate_estimated", rate=noise.rate, use=use)]
 
 
 def _or_limit(noise: SensorNoise, sensor: str, term: str, asked: Any) -> tuple[np.ndarray, str, list[Finding]]:

@@ -44,14 +44,14 @@ def _covariances(calibration: Calibration, options: Any, found: list[Finding]) -
     if noise is None:
         return []
     rate, said = rate_of(noise, calibration, options, "the covariances are per sample at this rate")
+    moved = under_motion(calibration, options)
     for sensor, (name, unit) in _COVARIANCES.items():
-        held = getattr(noise, sensor)
-        if held is None:
+        if (held := getattr(noise, sensor)) is None:
             continue
         if held.N is None or not np.all(np.isfinite(held.N) & (held.N > 0)):
             found.append(FINDINGS("no_covariance", sensor, name=name))
             continue
-        times, how = under_motion(calibration, sensor, options)
+        times, how = moved[sensor]
         lines.append(f"{name}: {listed(np.diag((times * held.N) ** 2 * rate))}   # {unit} at {number(rate)} Hz{how}")
         if any(values is not None and np.any(values > 0) for values in (held.K, held.B)):
             found.append(FINDINGS("white_alone", sensor))
