@@ -39,7 +39,7 @@ jax.config.update("jax_numpy_rank_promotion", "raise")
 _CACHE = None
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:  # a process that another one starts uses the folder of that one
     _CACHE = tempfile.mkdtemp(prefix="jaxcal-tests-")
-    limits = {"jax_persistent_cache_min_compile_time_secs": 0.01, "jax_persistent_cache_min_entry_size_bytes": -1}
+    limits = {"jax_persistent_cache_min_compile_time_secs": 0.0, "jax_persistent_cache_min_entry_size_bytes": -1}
     for name, value in {"jax_compilation_cache_dir": _CACHE, **limits}.items():
         os.environ[name.upper()] = str(value)
         jax.config.update(name, value)
@@ -106,9 +106,10 @@ def _programs_let_go():
 
 
 def pytest_collection_finish():
-    """Exclude all objects that exist now from garbage collection, which would otherwise search a million of them repeatedly."""
+    """Exclude all objects that exist now from garbage collection, which would search a million of them again and again, and search less."""
     gc.collect()
     gc.freeze()
+    gc.set_threshold(100_000, 20, 100)
 
 
 @pytest.fixture(params=["float64", "float32"])

@@ -1,5 +1,6 @@
 """One answer: what a result says in Python stands in the terminal, in HTML and in JSON, with the same codes and numbers."""
 
+import dataclasses
 import html
 import json
 import re
@@ -49,13 +50,16 @@ class Answer:
         (folder / "out").mkdir()
         files = ("--json", folder / "out" / "a.json", "--report", folder / "out" / "report.html")
         where = files if command in ("allan", "psd", "north") else ("--out", folder / "out")
-        short = [command, str(log), *map(str, where), *options]
-        self.status = main(short)
+        self.status = main([command, str(log), *map(str, where), *options])
         self.short, self.errors = capsys.readouterr()
         assert self.status == 0, self.errors
-        main([*short, "-v"])
+        (done,) = kept
+        self.result, self.log = done.found, done.log
+        # with -v the command would print this, but compute everything again
+        running = dataclasses.replace(done.running, verbose=True)
+        _work._show(done.screen, log, self.log, self.result, running)
+        end(done._replace(running=running))
         self.long = capsys.readouterr().out
-        self.result, self.log = kept[-1].found, kept[-1].log
         self.files = {
             path.name: path.read_text(encoding="utf-8") for path in (folder / "out").iterdir() if path.suffix in (".json", ".html")
         }

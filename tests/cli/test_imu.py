@@ -66,16 +66,11 @@ def test_a_simulated_log_is_calibrated(call, folder):
 
 @pytest.mark.parametrize(
     ("words", "status", "reason"),
-    [
-        (["--convention", "sideways"], 2, ""),
-        (["--method", "magic"], 2, ""),
-        (["--units", "accel=mg"], 1, "unsuited"),
-        (["--stop", "40"], 1, "refused"),
-    ],
+    [("--convention sideways", 2, ""), ("--method magic", 2, ""), ("--units accel=mg", 1, "unsuited"), ("--stop 40", 1, "refused")],
 )
 def test_what_cannot_be_done_is_said(call, folder, words, status, reason):
     call(*LOG)
-    found = call("imu", "log.csv", *words)
+    found = call("imu", "log.csv", *words.split())
     assert found.status == status
     assert reason == found.code or reason in found.reason
     assert listing(folder) == ["log.csv"]

@@ -25,7 +25,7 @@ def test_same_optimum_as_scipy(name):
     np.testing.assert_allclose(fit.parameters, expected.x, atol=1e-6)
     np.testing.assert_allclose(fit.cost, expected.cost, rtol=1e-9)
     one, step = lambda y: solve(p.thermal, START, {**data, "y": y}, loss=LOSSES[name](scale)).model["c"][1], 1e-7 * np.cos(data["y"])
-    slope = np.vdot(jax.grad(one)(jnp.asarray(data["y"])), step)
+    slope = np.vdot(jax.jit(jax.grad(one))(jnp.asarray(data["y"])), step)
     np.testing.assert_allclose(slope, (one(data["y"] + step) - one(data["y"] - step)) / 2, rtol=1e-4)
 
 

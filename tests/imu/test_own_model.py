@@ -4,6 +4,7 @@ The readings are computed with NumPy from the formula and do not use the model c
 """
 
 import dataclasses
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import equinox as eqx
@@ -36,7 +37,7 @@ class Quadratic(Triad):
     def correct(self, y, accel=None):
         square = jnp.broadcast_to(jnp.asarray(self.square), jnp.shape(y))
         x = super().correct(y, accel)
-        for _ in range(4):
+        for _ in range(2):  # each leaves 0.6 % of the error of 0.03 m/s^2 that there is without
             x = super().correct(y - square * x**2, accel)
         return x
 
@@ -132,9 +133,10 @@ def test_a_field_of_ones_own_is_in_every_output(recorded, found, tmp_path):
     moved = jaxcal.Calibration(imu=dataclasses.replace(found, accel=dataclasses.replace(found.accel, square=2 * found.accel.square)))
     changed = jaxcal.calibration.difference(jaxcal.Calibration(imu=found), moved)
     assert "square[2]" in changed[0].parameters
-    np.savez(tmp_path / "unit1.npz", time=recorded.time, accel=recorded.accel, gyro=recorded.gyro)
+    np.savez(tmp_path / "unit1.npz", time=recorded.time, accel=recorded.accel)
     options = {"gravity": G, "model": START, "held_out": False, "rests": cases.rests()}
-    fleet = jaxcal.batch.run([tmp_path / "unit1.npz"], "imu", options=options)
+    with ThreadPoolExecutor(1) as pool:  # a process would compile the model again
+        fleet = jaxcal.batch.run([tmp_path / "unit1.npz"], "imu", executor=pool, options=options)
     assert next(iter(fleet)).coefficients["accel.square[2]"].value == pytest.approx(SQUARE[2], abs=2e-5)
 
 
