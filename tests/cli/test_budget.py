@@ -32,12 +32,15 @@ def test_a_data_sheet_becomes_a_file_for_a_filter(call, folder, sheet):
 
 
 def test_a_budget_of_a_calibration_and_of_a_log(call, folder, sheet, log):
-    told = call("budget", sheet, "--rest", 60, "--error", "accel.bias=0.02", "--json", "b.json", "--report", "r.html")
+    asked = ("--rest", 60, "--error", "accel.bias=0.02", "--require", "heading=1")
+    told = call("budget", sheet, *asked, "--json", "b.json", "--report", "r.html")
     assert told.status == 0
     assert len(told.out.splitlines()) <= 40
     found, page = json.loads((folder / "b.json").read_text()), (folder / "r.html").read_text(encoding="utf-8")
     assert [one["code"] for one in found["findings"]] == ["exact"]
     direct = jaxcal.budget.propagate(jaxcal.Calibration.load(folder / sheet), Motion.rest(3600.0), rest=60.0, errors={"accel.bias": 0.02})
+    factor = requirement(direct, after=3600.0, heading=np.deg2rad(1.0))["all"][0]
+    assert f"all {factor:.3g}," in told.out
     values = {name: one["value"] for name, one in found["numbers"].items()}
     assert values == pytest.approx({name: one.value for name, one in direct.numbers.items()})
     assert page.count("<svg") == 4
@@ -47,9 +50,6 @@ def test_a_budget_of_a_calibration_and_of_a_log(call, folder, sheet, log):
     assert "No noise of the magnetometer" in told.out
     assert {path.name for path in (folder / "imu-budget").iterdir()} == {"budget.json", "report.html"}
     assert not (folder / "sheet-budget").exists()  # other files were named
-    told = call("budget", sheet, "--require", "heading=1", "--out", "b", "--rest", 60, "--error", "accel.bias=0.02")
-    factor = requirement(direct, after=3600.0, heading=np.deg2rad(1.0))["all"][0]
-    assert f"all {factor:.3g}," in told.out
     assert call("budget", sheet, "--require", "course=1").code == "require"
     assert call("budget", sheet, "--error", "gyro.scale").code == "error"
     assert call("budget", sheet, "--error", "gyro.colour=1").code == "no_error"

@@ -173,7 +173,7 @@ def test_too_little_is_refused_and_the_missing_is_named():
     assert (alike.verdict, alike.codes) == ("refused", {"attitudes_alike"})
     assert "up" in alike.findings[0].facts["missing"]
     faces = np.kron(np.eye(3), np.array([[1.0], [-1.0]]))[np.arange(cases.POSES) % 6]
-    both = fit(cases.recording(0, up=faces))
+    both = fit(cases.recording(0, up=faces), rests=cases.rests())
     assert both.verdict == "good"  # the turns determine the misalignment, which the magnitudes on six faces do not
     assert np.mean(cases.inside(both, cases.turned_truth())[both.estimate.error > 0]) > 0.8
     six = fit(_accel_only(cases.recording(0, up=faces)))
