@@ -152,8 +152,9 @@ def lengthened(
     length += -length % (64 * BLOCK)  # few lengths, so that few programs are compiled
     # phase at the end minus phase, which are arbitrary beyond the points; and number of missing samples before each point, in order of time
     back = aligned(channels * length).reshape(channels, length)
-    lost = np.zeros((channels, width + 1), np.int32)
-    mean = np.array(list(over(lambda c: _integrated(samples[:, c], back[c], lost[c], old, c), range(channels))))
+    means, missing = zip(*over(lambda c: _integrated(samples[:, c], back[c], old, c), range(channels)), strict=True)
+    mean = np.array(means)
+    lost = np.stack(missing) if any(each[-1] for each in missing) else np.broadcast_to(missing[0], (channels, width + 1))
     gone, now, net = lost[:, -1].astype(np.int64), old.origin + old.samples, back[:, width].copy()
     first_mean = np.where(old.present > 0, old.first_mean, mean)
     tilt, drift = old.mean - mean, mean - first_mean
@@ -167,7 +168,7 @@ def lengthened(
 
     def further(head: Points, at: range, most: int) -> Points:
         some = at[: max(most - head.number, 0)]
-        return _further(head, points(some), most, old.net, drift, np.array(some), old.lost) if some else head
+        return _further(head, points(some), most, old.net, drift, np.arange(some.start, some.stop, some.step), old.lost) if some else head
 
     levels, squares, count, lacking = [], 0.0, 0, lambda: (0.0, 0)
     for level, reach in zip(old.levels, reaches, strict=True):
@@ -206,11 +207,11 @@ def _further(head: Points, new: Points, most: int, net: np.ndarray, drift: np.nd
     return head.followed(new.cut(some).moved(net, drift, step[some], lost)) if some.stop else head
 
 
-def _integrated(samples: np.ndarray, back: np.ndarray, lost: np.ndarray, old: Stretch, c: int) -> float:
-    """Mean of the samples; fills in the sums of the last ones minus it, from zero, and the number of missing samples before each point."""
+def _integrated(samples: np.ndarray, back: np.ndarray, old: Stretch, c: int) -> tuple[float, np.ndarray]:
+    """Mean of the samples, and the number of missing ones before each point; fills in the sums of the last samples minus it, from zero."""
     x = back[1 : len(samples) + 1]
     x[:] = samples[::-1]
-    total = float(np.sum(x))
+    total, lost = float(np.sum(x)), np.broadcast_to(np.int32(0), len(x) + 1)  # which takes no memory
     mean = total / len(x)
     if not np.isfinite(total):
         infinite = np.flatnonzero(np.isinf(samples))
@@ -220,11 +221,10 @@ def _integrated(samples: np.ndarray, back: np.ndarray, lost: np.ndarray, old: St
         missing = np.isnan(x)
         mean = float(old.mean[c]) if missing.all() else float(np.mean(x[~missing]))
         x[missing] = mean
-        np.cumsum(missing[::-1], out=lost[1:])
-    x -= mean
+        lost = np.append(lost[:1], np.cumsum(missing[::-1], dtype=np.int32))
     back[0] = 0.0
-    running_sum(x)
-    return mean
+    running_sum(x, mean, x)
+    return mean, lost
 
 
 def _by_kernel(
@@ -242,7 +242,7 @@ def _by_kernel(
             theta = jax.device_put(back[c], may_alias=True)
             parts = running_sum_of_phase(theta) if kind.modified else (theta,)
             rule = "none" if missing is None else "span"
-            return by_blocks(parts, missing, m, number, int(kind.modified), kind, rule, workers, within)
+            return by_blocks(parts, missing, m, number, int(kind.modified), kind, rule, workers, within, True)
 
     if not number.any():
         return 0.0, 0

@@ -10,7 +10,8 @@ import pytest
 
 import jaxcal
 from jaxcal import DataError
-from jaxcal.allan import deviation
+from jaxcal.allan import _deviation, deviation
+from jaxcal.allan._kernels import _route
 
 from .definition import differences, truth
 
@@ -49,10 +50,12 @@ def test_equals_the_definition_with_and_without_gaps(kind, data, length, seed, g
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_blocks_and_threads_do_not_show(kind):
-    """A record of several blocks, long enough for several threads, agrees with differences of plain slices."""
-    y = np.random.default_rng(3).standard_normal(60_000).cumsum() + np.random.default_rng(4).standard_normal(60_000)
-    m = np.array([1, 2, 7, 100, 4095, 8192, 8193, 19_999])
+def test_blocks_threads_and_shared_points_do_not_show(monkeypatch, kind):
+    """A record beyond the cache, in several threads whose large cluster sizes share points, agrees with differences of plain slices."""
+    monkeypatch.setattr(_deviation, "PARALLEL_FROM", 1)
+    monkeypatch.setattr(_route, "_LONG", 0)
+    y = np.random.default_rng(3).standard_normal(280_000).cumsum() + np.random.default_rng(4).standard_normal(280_000)
+    m = np.array([1, 2, 7, 100, 1023, 1024, 4095, 8193, 69_999, 93_333])
     found = deviation(np.tile(y[:, None], (1, 3)), 2.0, kind=kind, m=m)
     alone = deviation(y, 2.0, kind=kind, m=m)
     assert alone.count.tolist() == [len(differences(y, size, kind)[0]) for size in m]
@@ -74,9 +77,7 @@ def test_grids():
     assert deviation(y, 1.0, m="decade").m.tolist() == [1, 2, 4, 10, 20, 40, 100, 200, 400]
     assert deviation(y[:20], 1.0, m="all").m.tolist() == list(range(1, 11))
     log = deviation(y, 1.0).m
-    assert log[0] == 1
-    assert log[-1] == 500
-    assert np.all(np.diff(log) > 0)
+    assert [log[0], log[-1], np.all(np.diff(log) > 0)] == [1, 500, True]
     assert deviation(y, 1.0, m=[8, 2]).m.tolist() == [8, 2]
     assert deviation(y, 50.0, m=[10]).tau.tolist() == [0.2]
 

@@ -39,7 +39,7 @@ def integrate(values, out, run: Callable = map, parts: int = 1) -> bool:
     >>> integrate(y, one), integrate(y, three, parts=3), bool((one == three).all()), one[5:7].tolist()
     (True, True, True, [-12.5, -12.0])
     """
-    first, edges = float(values[0]), np.linspace(0, len(values), parts + 1).astype(int).tolist()
+    first, edges = float(values[0]), [len(values) * part // parts for part in range(parts + 1)]
     spans = [slice(*ends) for ends in itertools.pairwise(edges)]
     total = sum(float(one) for one in run(lambda span: np.add.reduce(values[span]), spans))
     # use no more binary places than the first value has, so that the differences of a coarse record are exact
@@ -47,7 +47,7 @@ def integrate(values, out, run: Callable = map, parts: int = 1) -> bool:
     if not np.isfinite(mean):
         return False
     out[0], after = 0.0, out[1:]
-    list(run(lambda span: running_sum(np.subtract(values[span], mean, out=after[span])), spans))
+    list(run(lambda span: running_sum(values[span], mean, after[span]), spans))
     for span in spans[1:]:
         after[span] += out[span.start]
     return True

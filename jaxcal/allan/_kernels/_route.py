@@ -11,12 +11,13 @@ from ..._errors import DataError
 from .._kinds import MANY, Kind
 from .._noise_type._segments import Segments, steps
 from ._correlation_sums import LARGEST_ERROR, correlation_sums
-from ._difference_sums import block_sums, direct_sums
-from ._phase import BLOCK, IN_CACHE, running_sum_of_phase
+from ._difference_sums import TILE, block_sums, direct_sums
+from ._phase import IN_CACHE, running_sum_of_phase
 
 #: number of differences above which a second thread saves more time than it costs
 PARALLEL_FROM = 20_000_000
 _PER_SAMPLE = 1000  # differences per sample above which correlations cost less
+_LONG = 1 << 24  # points beyond which shared ones repay in the first call the 0.1 s that they take to compile
 _MOST = 5e11  # largest number of differences for the block kernel: about half an hour on two cores
 
 
@@ -37,7 +38,7 @@ def record_sums(prepared, sizes, number, kind: Kind, workers: int, run: Callable
     parts, theta, marks, missing, rule, less = prepared
 
     def direct(chosen):
-        return by_blocks(parts, missing, sizes[chosen], number[chosen], less, kind, rule, workers, run)
+        return by_blocks(parts, missing, sizes[chosen], number[chosen], less, kind, rule, workers, run, len(parts[0]) > _LONG)
 
     if not kind.overlapped:
         return strided_sums(theta, marks if rule != "none" else None, rule, sizes, number, kind.order)
@@ -57,12 +58,14 @@ def sums_in_cache(theta, sizes, number, kind: Kind) -> Callable[[], np.ndarray]:
     """
     # a compiled function reads an aligned array in place, and `device_put` would take longer than the call
     parts = running_sum_of_phase(theta) if kind.modified else (theta,)
-    span = np.array([0, -(-int(number[0]) // BLOCK)])
+    span = np.array([0, -(-int(number[0]) // TILE)])
     sums = block_sums(parts, None, *filled(sizes, number), span, order=kind.difference)[0]
     return lambda: np.asarray(sums)[: len(sizes)]
 
 
-def by_blocks(parts, missing, sizes, number, less, kind: Kind, rule: str, workers: int, run) -> tuple[np.ndarray, np.ndarray]:
+def by_blocks(
+    parts, missing, sizes, number, less, kind: Kind, rule: str, workers: int, run: Callable, shared: bool
+) -> tuple[np.ndarray, np.ndarray]:
     """The block kernel over stretches of equal work in threads, and over at most 512 cluster sizes at a time."""
     cost = float(number.sum())
     if len(sizes) > MANY and cost > _MOST:
@@ -74,7 +77,7 @@ def by_blocks(parts, missing, sizes, number, less, kind: Kind, rule: str, worker
     found = []
     for first in range(0, len(sizes), MANY):
         some = slice(first, first + MANY)
-        found.append(_group(parts, missing, sizes[some], number[some], less, kind, rule, workers, run))
+        found.append(_group(parts, missing, sizes[some], number[some], less, kind, rule, workers, run, shared))
     total, count = (np.concatenate(values) for values in zip(*found, strict=True))
     return total, count
 
@@ -85,18 +88,18 @@ def filled(m, count):
     return np.concatenate([m, np.full(extra, m[-1])]), np.concatenate([count, np.zeros(extra, count.dtype)])
 
 
-def _group(parts, missing, sizes, number, less: int, kind: Kind, rule: str, workers: int, run):
+def _group(parts, missing, sizes, number, less: int, kind: Kind, rule: str, workers: int, run, shared: bool):
     options = {"order": kind.difference, "rule": rule, "less": less}
     if jax.default_backend() != "cpu":  # a graphics card would start each block of each cluster size by itself
         return [np.asarray(found) for found in direct_sums(parts, missing, sizes, number, strided=False, **options)]
-    given, (sizes, number) = len(sizes), filled(sizes, number)
-    blocks = -(-int(number[0]) // BLOCK)
-    edges = [0, blocks]
+    options["shared"], given, (sizes, number) = shared, len(sizes), filled(sizes, number)
+    tiles = -(-int(number[0]) // TILE)
+    edges = [0, tiles]
     if workers > 1:
-        # give each part the same work: the number of cluster sizes that visit a block decreases along the record
-        visits = len(number) - np.searchsorted(number[::-1], np.arange(blocks) * BLOCK, side="right")
+        # give each part the same work: the number of cluster sizes that visit a tile decreases along the record
+        visits = len(number) - np.searchsorted(number[::-1], np.arange(tiles) * TILE, side="right")
         inner = np.searchsorted(np.cumsum(visits), np.linspace(0, visits.sum(), workers + 1)[1:-1])
-        edges = [0, *(int(e) for e in inner), blocks]
+        edges = [0, *(int(e) for e in inner), tiles]
 
     def part(span):
         with jax.enable_x64(True):  # thread-local

@@ -17,6 +17,8 @@ from ._segments import Segments, followed, steps
 
 #: largest number of points: the autocorrelation is known to 0.031, where half a unit of alpha is 0.1 and more
 POINTS = 1 << 10
+#: lowest and highest noise type by the number of boundaries that B1 exceeds
+_BOUNDS = np.array([[1.0, 0.0, -1.0, -2.0, -np.inf], [np.inf, 0.0, -1.0, -2.0, -3.0]])
 
 
 def fewest_averages(kind: Kind) -> int:
@@ -38,10 +40,10 @@ def _b1(terms, mu: int):
 
 
 @functools.lru_cache(maxsize=256)
-def _boundaries(held: bytes, order: int) -> list:
+def _boundaries(held: bytes, order: int) -> np.ndarray:
     """The values of B1 between noise types that go as tau^-2 and tau^-1, tau^-1 and tau^0, ...; records of one length share them."""
     expected = [_b1(np.frombuffer(held), mu) for mu in range(-2, order)]
-    return [np.sqrt(least * most) for least, most in itertools.pairwise(expected)]
+    return np.array([np.sqrt(least * most) for least, most in itertools.pairwise(expected)])
 
 
 def carried_on(low, high, carried):
@@ -76,15 +78,9 @@ def bounds_of_ratios(averages, weight, series: Segments, m, kind: Kind, samples:
     allan = one_less.sums(change**2) / (2.0 * pairs)
     some = some & (allan > 0)
     b1 = spread / np.where(allan > 0, allan, 1.0)
-    white, flicker, walk, *reddest = _boundaries(terms.tobytes(), kind.order)
-    phase = some & (b1 <= white)
-    low = np.where(b1 > walk, -2.0, np.where(b1 > flicker, -1.0, 0.0))
-    high = low
-    if kind.order == 3:
-        low, high = np.where(b1 > reddest[0], -np.inf, low), np.where(b1 > reddest[0], -3.0, high)
-    low, high = np.where(phase, 1.0, low), np.where(phase, np.inf, high)
-    dtype = averages.dtype
-    return np.where(some, low, -np.inf).astype(dtype), np.where(some, high, np.inf).astype(dtype)
+    beyond = (b1 > _boundaries(terms.tobytes(), kind.order)).sum(axis=0)
+    low, high = np.where(some, _BOUNDS[:, beyond], [[-np.inf], [np.inf]]).astype(averages.dtype)
+    return low, high
 
 
 def noise_type_of_ratio(averages, weight, m: int, kind: Kind, samples: int, carried: float) -> float:

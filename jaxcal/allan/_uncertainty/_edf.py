@@ -230,6 +230,8 @@ def known_uncertainty(records: Sequence[Whole]) -> list[Float[np.ndarray, "3 clu
     They depend on the length of a record and its types, not on its samples.
     """
     new = [one for one in dict.fromkeys(records) if one not in _known]
+    if not new:
+        return [_known[one] for one in records]
     ends = np.cumsum([len(one.types) // 8 for one in new])
     for _, some in itertools.groupby(zip(new, ends.tolist(), strict=True), lambda pair: 2 * pair[1] // _NODES):
         part = [one for one, _ in some]
