@@ -1,6 +1,7 @@
 """Frozen modules: the base of models, and modules made, changed and cut without their `__init__`, which takes most of a short call."""
 
 import dataclasses
+import functools
 from typing import Any, TypeVar
 
 import equinox as eqx
@@ -22,14 +23,19 @@ class Model(eqx.Module):
             return eqx.tree_pformat(self, short_arrays=False)
 
 
+@functools.cache
+def _fields_of(kind: Any) -> tuple[Any, ...]:
+    """The fields of a class of modules, which `dataclasses` gathers anew at each call."""
+    return dataclasses.fields(kind)
+
+
 def made(kind: type[T], /, **fields: Any) -> T:
     """A frozen module with these fields, made without its `__init__`, which takes five times as long."""
     new: Any = object.__new__(kind)
-    known: list[Any] = list(dataclasses.fields(new))
-    for field in known:
+    for field in _fields_of(kind):
         value = fields.get(field.name, field.default)
         object.__setattr__(new, field.name, field.default_factory() if value is dataclasses.MISSING else value)
-    if unknown := fields.keys() - {field.name for field in known}:
+    if unknown := fields.keys() - {field.name for field in _fields_of(kind)}:
         raise TypeError(f"{kind.__name__} has no field {', '.join(sorted(unknown))}")
     return new
 

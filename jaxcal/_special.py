@@ -51,7 +51,7 @@ def _tail(value: float, freedom: float) -> float:
     if x == 0 or math.isinf(x):
         return 1.0 if x == 0 else 0.0
     scale = math.log(x)
-    terms = [math.exp(j * scale - x - math.lgamma(j + 1)) for j in np.arange(k % 2 / 2, k / 2).tolist()]
+    terms = [math.exp(j * scale - x - math.lgamma(j + 1)) for j in (k % 2 / 2 + i for i in range(k // 2))]
     return min(1.0, (math.erfc(math.sqrt(x)) if k % 2 else 0.0) + math.fsum(terms))
 
 

@@ -68,7 +68,8 @@ def is_white(jacobian: np.ndarray, residuals: np.ndarray, calm: np.ndarray | Non
         return True  # too few to tell
     residuals = tamed(span_of(jacobian), residuals) if calm is None else calm
     lags = np.arange(1, min(_PIECES, n // 8) + 1)
-    correlation = np.array([residuals[lag:] @ residuals[: n - lag] for lag in lags.tolist()]) / (residuals @ residuals)
+    products = np.correlate(np.concatenate([residuals, np.zeros(len(lags))]), residuals)  # at each lag, from zero on
+    correlation = products[1:] / products[0]
     statistic = n * (n + 2) * (correlation @ (correlation / (n - lags)))
     if chi_square_tail(statistic, len(lags)) < CHANCE:
         return False
@@ -82,7 +83,7 @@ def is_white(jacobian: np.ndarray, residuals: np.ndarray, calm: np.ndarray | Non
     gain, used = np.einsum("kp,kpq,kq", scores, inverse, scores), round((inverse * hats).sum())
     if used <= free or used >= n:
         return True
-    ratio = gain / (used - free) / ((np.sum(residuals**2) - gain) / (n - used))
+    ratio = gain / (used - free) / ((products[0] - gain) / (n - used))
     return bool(f_tail(ratio, used - free, n - used) >= CHANCE)
 
 
@@ -156,7 +157,7 @@ def by_parts(white: Any, jacobian: np.ndarray, left: np.ndarray, prior: Any = No
     `is_white`.
     """
     shown = np.abs(jacobian).max(axis=0) > 0  # others are in the prior alone
-    if is_white(jacobian[:, shown], left, calm):
+    if is_white(jacobian if shown.all() else jacobian[:, shown], left, calm):
         return white, False
     other = leave_out(jacobian, left, prior)
     if prior is not None:
@@ -176,24 +177,31 @@ def correlation_time(residuals: np.ndarray) -> float:
     return float(max(1 + 2 * np.sum(values[1 : np.argmax(lost) if lost.any() else len(values)]), 1.0))
 
 
-def followed(span: np.ndarray, columns: np.ndarray, calm: np.ndarray) -> tuple[np.ndarray, float]:
-    """Coefficients (k,) of columns (n, k) that residuals follow beside the parameters, and the chance that they do by accident.
+def followed(span: np.ndarray, causes: dict[str, np.ndarray], calm: np.ndarray) -> dict[str, tuple[np.ndarray, float]]:
+    """Coefficients (k,) of each cause's columns (n, k) that residuals follow beside the parameters, and the chance of that by accident.
 
-    span : orthonormal columns that span the changes with the parameters. calm : residuals as `tamed`. Columns that the parameters imitate
-    have a chance of one. Only where white residuals hardly ever seem to follow are the coefficients found, and what correlation adds.
+    span : orthonormal columns that span the changes with the parameters. calm : residuals as `tamed`. A cause is left out where the
+    parameters imitate a column, and where white residuals, too, would often seem to follow. Correlation raises the chance of the others.
     """
-    free = columns - span @ (span.T @ columns)
-    size, nothing = np.sqrt((free * free).sum(axis=0)), np.zeros(columns.shape[1])
-    if not size.size or not (size > 1e-6 * np.sqrt((columns * columns).sum(axis=0))).all():
-        return nothing, 1.0
-    free, square, eps = free / size, calm @ calm, np.finfo(float).eps
-    along = free.T @ calm
-    # a floor keeps the products of columns of length one regular
-    explained = along @ np.linalg.solve(free.T @ free + eps * np.eye(size.size), along)
-    chance = float(chi_square_tail(len(calm) * np.log(square / max(square - explained, eps * square)), size.size))
-    if not chance < CHANCE:
-        return nothing, chance
-    coefficients = np.linalg.lstsq(free, calm, rcond=1e-9)[0]
-    rest = calm - free @ coefficients
-    gain = len(calm) / correlation_time(rest) * np.log(square / (rest @ rest))
-    return coefficients / size, float(chi_square_tail(gain, size.size))
+    columns = np.concatenate([*causes.values(), calm[:, None]], axis=1)
+    seen = span.T @ columns
+    free = columns - span @ seen
+    products, eps, last, found = free.T @ free, np.finfo(float).eps, 0, {}
+    squares, square, nothing = products.diagonal(), products[-1, -1], 1e-24 * len(calm)
+    whole = squares + (seen * seen).sum(axis=0)
+    own = squares > np.maximum(1e-12 * whole, nothing)
+    sizes, imitated = np.where(own, np.sqrt(squares), np.inf), ~own & (whole > nothing)
+    for name, part in causes.items():
+        here = slice(last, last := last + part.shape[1])
+        size, count = sizes[here], int(own[here].sum())
+        if not count or imitated[here].any():
+            continue
+        along = products[here, -1] / size
+        # a floor keeps the products of columns of length one regular
+        explained = along @ np.linalg.solve(products[here, here] / (size * size[:, None]) + eps * np.eye(size.size), along)
+        if chi_square_tail(len(calm) * np.log(square / max(square - explained, eps * square)), count) < CHANCE:
+            coefficients = np.linalg.lstsq(free[:, here] / size, calm, rcond=1e-9)[0]
+            rest = calm - free[:, here] @ (coefficients / size)
+            gain = len(calm) / correlation_time(rest) * np.log(square / (rest @ rest))
+            found[name] = coefficients / size, float(chi_square_tail(gain, count))
+    return found

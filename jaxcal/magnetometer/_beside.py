@@ -135,7 +135,7 @@ def _orientation(asked: Asked, surface: Surface) -> tuple[list[Finding], float, 
 
     The accelerometer has a say only if its axes agree with those of the readings.
     """
-    field, axes, dip, down = unit(surface.corrected), None, asked.dip if asked.known else None, None
+    field, axes, dip, down = surface.along, None, asked.dip if asked.known else None, None
     if asked.at.source in ("accel", "attitude"):
         up = asked.at.up
         axes, there = axes_of(field, up), np.isfinite(up).all(axis=1)
@@ -225,7 +225,7 @@ def _usable(surface: Surface, given: bool) -> bool:
     if surface.found is None or not surface.found.converged or not np.isfinite(surface.matrix).all():
         return False
     # a change db + dM u of the reading of a unit field u, with M = C H, changes the corrected one by its product with M^-1; H turns nothing
-    inverse, u = np.linalg.inv(surface.model.soft_iron * surface.field), unit(surface.corrected[surface.rows])
+    inverse, u = np.linalg.inv(surface.model.soft_iron * surface.field), surface.along[surface.rows]
     by_whole = (inverse[None, :, :, None] * u[:, None, None, :]).reshape(-1, 9) - (not given) * u.reshape(-1, 1) * inverse.T.ravel() / 3
     rows = np.concatenate([by_whole, np.tile(inverse, (len(u), 1))], axis=1)
     return bool(3 * np.mean(np.sum((rows @ surface.matrix[:12, :12]) * rows, axis=1)) <= _LOOSE**2)

@@ -22,7 +22,7 @@ from ._beside import beside
 from ._field import INCLINATION
 from ._judge import judged
 from ._model import MagModel, parts_of
-from ._quadric import COUNT, chosen
+from ._quadric import COUNT, chosen, rows_of
 from ._result import MagFit
 from ._surface import surface_of
 
@@ -110,7 +110,7 @@ def fit(
     Math. 98 (2004) 177 (consistent); the magnetometer paper's equations 6 to 16 (constrained); the thesis, chapter 6.
     """
     asked = _asked(m, method, model, field, field_error, inclination, aid, currents, conditions)
-    picked = chosen(asked.m[asked.there], "symmetric" if asked.parts is not None else asked.model if asked.traced else "")
+    picked = chosen(rows_of(asked.m, asked.there), "symmetric" if asked.parts is not None else asked.model if asked.traced else "")
     surface = surface_of(asked, picked)
     surface = beside(asked, surface)
     kind = "none" if surface.model is None else surface.joint or surface.found.kind

@@ -8,6 +8,7 @@ import numpy as np
 
 from .._answer import Finding, Quantity
 from .._errors import DataError
+from .._frozen import made
 from .._precision import host_float64
 from .._types import AnyArray, Samples
 from ..fitting import Estimate
@@ -41,7 +42,7 @@ def judged(asked: Asked, surface: Surface) -> dict[str, Any]:
     spread = matrices[0] if surface.spread is None else _of_iron(model, field, held, surface.spread)
     error, *costs = heading_errors(change_of(model, field, surface.usual), surface.dip, surface.down, matrices)
     # a field that the readings leave open may be of any size, the readings not
-    quantity = quantity_of(quantile(np.abs(asked.m[asked.there]).ravel(), 0.5) if host else field)
+    quantity = quantity_of(quantile(np.abs(rows_of(asked.m, asked.there)).ravel("K"), 0.5) if host else field)
     estimate = _estimated(model, field, quantity, spread, surface.freedom, surface.further or {}, held)
     about = {"used": len(surface.rows if surface.joint else surface.m)} | ({} if surface.usual is None else {"usual": surface.usual})
     if host and not surface.joint:
@@ -62,21 +63,22 @@ def _of_iron(model: MagModel, field: Any, given: bool, covariance: Any) -> Any:
     """Covariance of hard iron, soft iron C, field H and further values by that of M = C H, hard iron, these; H^3 = det M unless given."""
     whole, more = model.soft_iron * field, len(covariance) - 12
     xp = whole.__array_namespace__()
-    by_field = xp.zeros(9, dtype=whole.dtype) if given else field / 3 * xp.linalg.inv(whole).T.ravel()
-    by_soft = xp.concatenate([xp.eye(9, dtype=whole.dtype) / field - xp.outer(whole.ravel(), by_field) / field**2, by_field[None]])
-    hard, further = xp.eye(3, 12 + more, 9, dtype=whole.dtype), xp.eye(more, 12 + more, 12, dtype=whole.dtype)
-    slopes = xp.concatenate([hard, xp.concatenate([by_soft, xp.zeros((10, 3 + more), dtype=whole.dtype)], axis=1), further])
-    return between(slopes, covariance)
+    own, by_field = xp.eye(12 + more, dtype=whole.dtype), xp.zeros(12 + more, dtype=whole.dtype)
+    if not given:
+        by_field = xp.concatenate([field / 3 * xp.linalg.inv(whole).T.ravel(), by_field[9:]])
+    by_soft = own[:9] / field - whole.ravel()[:, None] * by_field[None] / field**2
+    return between(xp.concatenate([own[9:12], by_soft, by_field[None], own[12:]]), covariance)
 
 
 def _estimated(model: MagModel, field: Any, quantity: str, covariance: Any, freedom: Any, further: dict[str, Any], held: bool) -> Estimate:
     """Hard iron, soft iron, the field and `further` parameters (name -> value), in this order, with their covariance."""
     xp = covariance.__array_namespace__()
     values = [xp.ravel(xp.asarray(part)) for part in (model.hard_iron, model.soft_iron, field, *further.values())]
-    states = {"field": "held"} if held else {}
+    names, states = (*HARD, *SOFT, "field", *further), {"field": "held"} if held else {}
     quantities = {"hard_iron": quantity, "field": quantity}
     quantities |= {name.partition("[")[0]: quantity for name in further if name.startswith("currents.")}
-    return Estimate((*HARD, *SOFT, "field", *further), xp.concatenate(values), covariance, freedom, states, quantities)
+    return made(Estimate, names=names, values=xp.concatenate(values), matrix=covariance, freedom=np.full(len(names), freedom),
+                states=states, quantities=quantities)  # fmt: skip
 
 
 def sphere_rows(directions: Any, xp: Any = np) -> Any:
@@ -95,13 +97,13 @@ def _weakest(surface: Surface) -> tuple[float, str]:
         known = of_jacobian(surface.found.near.slopes, names=(*_NAMES, *surface.further))
         return float(known.condition), ", ".join(known.weakest)
     part = _BY_QUADRIC * (inverse_of("symmetric") @ surface.found.basis)
-    rows = sphere_rows(unit(rows_of(surface.corrected, surface.rows)))
+    rows = sphere_rows(rows_of(surface.along, surface.rows))
     squares, vectors = np.linalg.eigh(part.T @ (rows.T @ rows) @ part)
     values, vectors = np.sqrt(np.maximum(squares[::-1], 0.0)), vectors.T[::-1]
     if not values[-1] > 1e-3 * values[0]:  # squares lose the digits of a small one
         values, vectors = np.linalg.svd(np.linalg.qr(rows @ part, mode="r"))[1:]
     condition, weak = (float(values[0] / values[-1]) if values[-1] > 0 else np.inf), np.abs(part @ vectors[-1])
-    return condition, ", ".join(name for name, share in zip(_NAMES, weak, strict=True) if share > 0.5 * weak.max())
+    return condition, ", ".join(_NAMES[i] for i in np.flatnonzero(weak > 0.5 * weak.max()))
 
 
 def _causes(surface: Surface, costs: Sequence[Any]) -> list[Finding]:

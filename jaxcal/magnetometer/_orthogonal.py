@@ -15,10 +15,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..fitting._implicit import implicit
-from ._quadric import basis_of
+from ._quadric import CURVED, basis_of
 
 _FOOT = 20  # most steps to a foot, which takes three near the surface
-CURVED = 0.02  # noise over radius above which the curvature term matters
 _STEPS = 128  # most of a fit
 SETTLED = 1e-6  # standard errors that more steps, or newer weights, would move the parameters by; relative change of degrees of freedom
 SOFT = 0.4  # spread of the entries of a soft iron about a multiple of the identity: the paper's sensor, the strongest known, has 0.3
@@ -54,16 +53,11 @@ def _cofactors(matrix: Any) -> tuple[Any, Any]:
     return cofactors, (matrix[..., 0, :] * cofactors[..., 0, :]).sum(axis=-1)
 
 
-def _eye(matrix: Any) -> Any:
-    """Identity matrices in the shape of others."""
-    return matrix.__array_namespace__().broadcast_to(np.eye(3, dtype=matrix.dtype), matrix.shape)
-
-
 def _pencil(shape: Any) -> Any:
     """y(t) = (I + t A)^-1 z as a function of t and all rows of z, by the Cayley-Hamilton theorem, whose derivatives hold everywhere."""
-    square, trace = shape @ shape, shape.trace(axis1=-2, axis2=-1)
+    square, trace, eye = shape @ shape, shape.trace(axis1=-2, axis2=-1), np.broadcast_to(np.eye(3, dtype=shape.dtype), shape.shape)
     second = (trace**2 - square.trace(axis1=-2, axis2=-1)) / 2
-    adjugate = square - trace[..., None, None] * shape + second[..., None, None] * _eye(shape)
+    adjugate = square - trace[..., None, None] * shape + second[..., None, None] * eye
     det = (shape[..., 0, :] * adjugate[..., :, 0]).sum(axis=-1)
     trace, second, det = (x.reshape(-1, 1) for x in (trace, second, det))
 
@@ -90,7 +84,7 @@ def _largest_eigenvalue(shape: Any) -> Any:
     """Largest eigenvalue in closed form (O. K. Smith, Commun. ACM 4 (1961) 168), because a LAPACK call would cost more than a step."""
     xp = shape.__array_namespace__()
     mean = shape.trace(axis1=-2, axis2=-1) / 3
-    rest = shape - mean[..., None, None] * _eye(shape)
+    rest = shape - mean[..., None, None] * np.broadcast_to(np.eye(3, dtype=shape.dtype), shape.shape)
     size = xp.sqrt((rest**2).sum(axis=(-2, -1)) / 6)
     rest = rest / xp.where(size > 0, size, 1.0)[..., None, None]
     cosine = xp.clip(_cofactors(rest)[1] / 2, -1, 1)
@@ -121,8 +115,7 @@ def _ended(newton: Callable[[Any], Any], lowest: Any, near: Any) -> Any:
 
     def again(carry: tuple) -> tuple:
         t, i, _ = carry
-        new = newton(t)
-        new = xp.where(new > lowest, new, (t + lowest) / 2)
+        new = xp.maximum(newton(t), (t + lowest) / 2)
         return new, i + 1, (abs(new - t) <= quarter * (new - lowest)).all()
 
     begin = (xp.where(near > lowest, near, 0.0), 0, False)
@@ -272,7 +265,7 @@ def weighed(x: Any, rows: Any, left: Any, ridge: Any, prior: Sequence[Any]) -> W
     scaled = normal / unit
     inverse = xp.linalg.inv(scaled + prior[3]) / unit
     freedom = xp.maximum(len(rows) - x.size + ridge * (prior[0] * inverse).sum(), 1.0)
-    noise2 = (left**2).sum() / freedom
+    noise2 = left @ left / freedom
     return Weights(*terms(x, noise2, prior), xp.sqrt(noise2), scaled, inverse, freedom)
 
 
@@ -289,7 +282,7 @@ def rounds(near_at: Callable[[Any, Near], Near], x: Any, near: Near, prior: Sequ
     xp, rounding, eps = x.__array_namespace__(), rounding_of(x), float(np.finfo(x.dtype).eps)
 
     def cost(x: Any, left: Any, ridge: Any) -> Any:
-        return (left**2).sum() + ridge * (x @ prior[0] @ x)
+        return left @ left + ridge * (x @ prior[0] @ x)
 
     def point(x: Any, near: Near, last: Sequence[Any], before: Any, count: Any) -> _Point:
         left = near.distance - last[0] * near.curvature
@@ -302,7 +295,7 @@ def rounds(near_at: Callable[[Any, Near], Near], x: Any, near: Near, prior: Sequ
         off, late = -(gradient @ step) / one, newer @ weights.inverse @ newer / one
         # more steps shrink as this one has, or by the noise over the radius: the slopes leave out how the surface bends
         rate = xp.minimum(xp.maximum(off / xp.maximum(before, eps**4), (weights.noise * near.curvature.max()) ** 2), 1.0)
-        short = (step**2).sum() <= rounding**2 * (x**2).sum()
+        short = step @ step <= rounding**2 * (x @ x)
         settled = (late <= SETTLED**2) & (abs(weights.freedom - last[2]) <= (SETTLED + rounding) * weights.freedom)
         flat = ((off * rate <= SETTLED**2) | short) & xp.isfinite(total)
         done = flat & settled | ~xp.isfinite(weights.noise) | (count >= _STEPS)
@@ -325,7 +318,7 @@ def rounds(near_at: Callable[[Any, Near], Near], x: Any, near: Near, prior: Sequ
 
     near = near_at(x, near)  # which also gives the start its shapes
     freedom = xp.asarray(max(len(near.distance) - x.size, 1.0), dtype=x.dtype)
-    begin = point(x, near, (*terms(x, (near.distance**2).sum() / freedom, prior), freedom), 0.0 * freedom, xp.asarray(0))
+    begin = point(x, near, (*terms(x, near.distance @ near.distance / freedom, prior), freedom), 0.0 * freedom, xp.asarray(0))
     end = repeated(advance, begin, lambda here: here.done)
     # the last step is so short that the distances follow it by their slopes
     step = xp.where(end.converged, end.step, 0.0)

@@ -30,7 +30,7 @@ from ..evidence._values import clipped, held
 PLACE = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]], dtype=np.int32)
 UPPER = tuple(part.astype(np.int32) for part in np.triu_indices(len(PLACE)))
 SYMMETRIC = np.equal.outer(PLACE.ravel(), np.unique(PLACE)).astype(float)
-_HALVES = (1 + np.eye(3)) / 2
+_HALVES, _ONES = (1 + np.eye(3)) / 2, np.ones(3)
 #: number of parameters of each kind
 COUNT = {"sphere": 4, "diagonal": 6, "symmetric": 9}
 
@@ -78,7 +78,7 @@ class Frame(NamedTuple):
 
 def lengths(v: np.ndarray) -> Any:
     """Length of each row (n, 3); in a quarter of the time of `numpy.linalg.norm` if the columns are contiguous, as `rows_of` has them."""
-    return np.sqrt((v * v) @ np.ones(3))
+    return np.sqrt((v * v) @ _ONES)
 
 
 def unit(v: np.ndarray) -> np.ndarray:
@@ -86,9 +86,9 @@ def unit(v: np.ndarray) -> np.ndarray:
     return v / np.maximum(lengths(v), 1e-300)[:, None]
 
 
-def rows_of(m: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Some rows, with contiguous columns."""
-    return m.T.take(rows, axis=1).T
+def rows_of(m: Any, rows: np.ndarray) -> Any:
+    """Some rows, by their numbers in ascending order, with contiguous columns; the array itself if these are all."""
+    return m if len(rows) == len(m) else m.T.take(rows, axis=1).T
 
 
 def soft_of(shape: Any) -> Any:
@@ -105,13 +105,8 @@ class NotEllipsoid(FitError):
 
 def monomials(u: Any) -> Any:
     """The monomials of each reading, (n, 10)."""
-    xp, (x, y, z) = u.__array_namespace__(), u.T
-    return xp.stack([x * x, x * y, x * z, y * y, y * z, z * z, x, y, z, xp.ones_like(x)]).T
-
-
-def matrix_of(q: Any) -> Any:
-    """Quadratic part as a symmetric matrix; the matrix printed in the paper belongs to another order of the monomials."""
-    return q[PLACE] * _HALVES.astype(q.dtype)
+    xp, axes = u.__array_namespace__(), u.T
+    return xp.concatenate([axes[:1] * axes, axes[1:2] * axes[1:], axes[2:] * axes[2:], axes, xp.ones_like(axes[:1])]).T
 
 
 def extents(m: np.ndarray) -> np.ndarray:
@@ -123,7 +118,7 @@ def extents(m: np.ndarray) -> np.ndarray:
 
 def shape_of(theta: Any) -> tuple[Any, Any]:
     """Shape matrix A and centre of any quadric theta, scaled so that (u - x0)'A(u - x0) = 1."""
-    quadratic = matrix_of(theta[:6])
+    quadratic = theta[PLACE] * _HALVES.astype(theta.dtype)  # the matrix printed in the paper belongs to another order of the monomials
     x0 = theta.__array_namespace__().linalg.solve(quadratic, -theta[6:9] / 2)
     return quadratic / (x0 @ quadratic @ x0 - theta[9]), x0
 
@@ -152,11 +147,6 @@ def linear(u: Any, kind: str) -> Any:
     return fixed + moves @ (np.linalg.lstsq(design, side)[0] if xp is np else xp.linalg.solve(design.T @ design, design.T @ side))
 
 
-def algebraic(u: np.ndarray, kind: str = "symmetric") -> tuple[np.ndarray, np.ndarray]:
-    """Shape matrix and centre of the algebraic fit of the given kind."""
-    return ellipsoid_of(linear(u, kind))
-
-
 def constrained(products: np.ndarray) -> np.ndarray:
     """The quadric of length one with the least mean square under 4ac - b^2 = 1, for a x^2 + b xy + c y^2, from the mean products.
 
@@ -179,44 +169,33 @@ EXPONENTS = np.array([(2, 0, 0), (1, 1, 0), (1, 0, 1), (0, 2, 0), (0, 1, 1), (0,
 
 
 @functools.cache
-def _slopes() -> np.ndarray:
-    """Matrices D (3, 10, 10) that differentiate the monomials: their slopes along an axis are D times themselves."""
+def _laplacians() -> np.ndarray:
+    """Matrix (200, 100) from the mean products of the monomials, by rows, to the coefficients of the variance and its square in `noisy`."""
     before = (EXPONENTS[:, None] - EXPONENTS == np.eye(3)[:, None, None]).all(axis=3)
-    return before * EXPONENTS.T[:, :, None]
-
-
-@functools.cache
-def _laplacian() -> np.ndarray:
-    """Matrix (100, 100) of `_mean_laplacian`, for products row by row."""
-    one = np.eye(len(EXPONENTS))
-    return sum(np.kron(d @ d, one) + 2 * np.kron(d, d) + np.kron(one, d @ d) for d in _slopes())  # type: ignore[return-value]
+    one, slopes = np.eye(len(EXPONENTS)), before * EXPONENTS.T[:, :, None]  # slopes of the monomials along an axis are d times themselves
+    laplacian: Any = sum(np.kron(d @ d, one) + 2 * np.kron(d, d) + np.kron(one, d @ d) for d in slopes)
+    return np.concatenate([-laplacian / 2, laplacian @ laplacian / 8])
 
 
 _STEPS = 30  # most of `adjusted`, which takes three where the noise is small, and eight where it is as large as the field
 
 
-def _mean_laplacian(products: np.ndarray) -> np.ndarray:
-    """Mean of the Laplacian of the products of the monomials, from the mean of the products."""
-    return (_laplacian() @ products.ravel()).reshape(products.shape)
-
-
 def noisy(products: np.ndarray, variance: float) -> np.ndarray:
     """Mean products of the monomials without those of a noise: exp(-s^2/2 D) of them, with the Laplacian D."""
-    first = -_mean_laplacian(products) / 2
-    return products + variance * (first - variance * _mean_laplacian(first) / 4)
+    first, second = (_laplacians() @ products.ravel()).reshape(2, *products.shape)
+    return products + variance * (first + variance * second)
 
 
 def adjusted(products: np.ndarray) -> tuple[float, np.ndarray]:
     """The smallest variance of the noise that makes `noisy` singular, and the quadric that it then maps to zero."""
-    first, s2 = -_mean_laplacian(products) / 2, 0.0
-    second = -_mean_laplacian(first) / 4
+    (first, second), s2 = (_laplacians() @ products.ravel()).reshape(2, *products.shape), 0.0
     # Newton's steps on the smallest eigenvalue as it falls with the variance; readings that are exact need none
     for _ in range(_STEPS):
         values, vectors = np.linalg.eigh(products + s2 * (first + s2 * second))
-        if abs(values[0]) <= 1e-15:
-            break
         q = vectors[:, 0]
         s2 -= values[0] / (q @ (first + 2 * s2 * second) @ q)
+        if abs(values[0]) <= 1e-12:  # the step has doubled its digits
+            break
     return s2, vectors[:, 0]
 
 
@@ -235,7 +214,7 @@ def start(u: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
     """Shape and centre of the first algebraic fit, in order of merit, that gives an ellipsoid."""
     for way in ("consistent", kind, "sphere") if kind == "symmetric" else (kind, "sphere"):
         with contextlib.suppress(NotEllipsoid):
-            return algebraic(u, way) if way in COUNT else by_products(u, way)
+            return ellipsoid_of(linear(u, way)) if way in COUNT else by_products(u, way)
     raise NotEllipsoid("the data do not determine an ellipsoid", "no_ellipsoid")
 
 
@@ -268,6 +247,7 @@ def away(found: tuple[np.ndarray, np.ndarray], u: np.ndarray) -> np.ndarray:
 
 
 OUTLIER = 4.0  # robust standard deviations: one of 16,000 normal readings
+CURVED = 0.02  # noise over radius above which the curvature term matters
 EXACT = 1e-9  # share of the field below which residuals are rounding, not noise
 LONG = 20_000  # largest number of readings that are all fitted
 _CELL, _PER_CELL, _PER_LONG = 0.25, 4, 32  # side of a cell over the size of the log; readings of each that vote, and of a long log
@@ -287,28 +267,26 @@ def spread_of(distance: np.ndarray) -> float:
     return max(1.4826 * float(quantile(distance, 0.5)), 1e-9)
 
 
-def _voters(u: np.ndarray, most: int = _PER_CELL) -> np.ndarray:
-    """Rows of at most so many readings of each cell, evenly over time."""
+def _voters(off: np.ndarray, size: float, most: int = _PER_CELL) -> np.ndarray:
+    """Rows of at most so many readings of each cell, evenly over time, of a log of some size."""
     # cells that share a number are far apart, and only few
-    x, y, z = np.floor(u.T / _CELL).astype(np.int64)
-    number = x + (y << 20) + (z << 40)
+    number = 2.0 ** np.array([0, 17, 34]) @ np.floor(off.T / (_CELL * size))
     order = np.argsort(number, kind="stable")
     number = number[order]
-    first = np.concatenate([[0], np.flatnonzero(number[1:] != number[:-1]) + 1])
-    size = np.append(first[1:], len(number)) - first
-    place, size = np.arange(len(number)) - np.repeat(first, size), np.repeat(size, size)
-    return np.sort(order[place * most % size < most])
+    first = np.searchsorted(number, number)
+    count = np.searchsorted(number, number, side="right") - first
+    return np.sort(order[(np.arange(len(number)) - first) * most % count < most])
 
 
 def _frame(m: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
     """Median reading and size of a log, by readings of which every cell has four at most: a dwell does not shrink them; and these rows."""
     rows, part = np.arange(len(m)), m
     for _ in range(4):
-        middle = quantile(part.T, 0.5)
-        size, last = float(quantile(lengths(part - middle), _SIZE)), rows
+        middle, last = quantile(part.T, 0.5), rows
+        size = float(quantile(lengths(part - middle), _SIZE))
         if not size > 0:
             break
-        rows = _voters((m - middle) / size)
+        rows = _voters(m - middle, size)
         if np.array_equal(rows, last):
             break
         part = rows_of(m, rows)
@@ -318,7 +296,7 @@ def _frame(m: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
 def thinned(m: np.ndarray) -> np.ndarray:
     """Rows of a long log of which every cell of space has 32 at most: neighbouring readings repeat one another."""
     middle, size, _ = _frame(m)
-    return _voters((m - middle) / size, _PER_LONG) if size > 0 else np.arange(len(m))
+    return _voters(m - middle, size, _PER_LONG) if size > 0 else np.arange(len(m))
 
 
 def _trimmed(u: np.ndarray) -> list[tuple[float, tuple[np.ndarray, np.ndarray]]]:
@@ -328,7 +306,7 @@ def _trimmed(u: np.ndarray) -> list[tuple[float, tuple[np.ndarray, np.ndarray]]]
         rows = order[: int(share * len(u))]
         with contextlib.suppress(NotEllipsoid, np.linalg.LinAlgError):
             for number in range(_ROUNDS + 1):
-                one = algebraic(u[rows])
+                one = ellipsoid_of(linear(u[rows], "symmetric"))
                 distance = away(one, u)
                 found += [(float(quantile(distance, 0.5)), one)] if number else []
                 rows = np.argsort(distance)[: int(_SHARES[-1] * len(u))]
@@ -340,20 +318,24 @@ def sound(m: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray, np.n
 
     All readings are kept where an ellipsoid through most is not to be had, or more than a tenth stand apart.
     """
-    (middle, size, voters), everything, least = _frame(m), np.ones(len(m), dtype=bool), 2 * COUNT["symmetric"]
+    everything, middle = np.ones(len(m), dtype=bool), quantile(m.T, 0.5)
+    size = float(quantile(lengths(m - middle), _SIZE))
+    if size > 0 and (lengths(m - middle) <= _SPIKE * size).all() and _solid(u := (m - middle) / size):
+        # there is no need to vote where little noise, and no reading, stands apart from an ellipsoid through all
+        found, distance = _through(u, u)
+        if found is not None and distance.max() <= OUTLIER * spread_of(distance) <= OUTLIER * CURVED and _tail(distance) <= _SURE / 2:
+            return everything, (found[0] / size**2, middle + size * found[1], distance)
+    middle, size, voters = _frame(m)
     kept = lengths(m - middle) <= _SPIKE * size
     close = np.flatnonzero(kept)
-    if not size > 0 or len(m) - len(close) > _MOST * len(m) or len(close) < least:
+    if not size > 0 or len(m) - len(close) > _MOST * len(m) or len(close) < 2 * COUNT["symmetric"]:
         return everything, None
     u = (m - middle) / size
-    voters = voters if len(close) == len(m) else close[_voters(rows_of(u, close))]
+    voters = voters if len(close) == len(m) else close[_voters(rows_of(u, close), 1.0)]
     vote = rows_of(u, voters)
-    if len(vote) < least or extents(vote)[-1] < NEAR_PLANAR:
+    if not _solid(vote):
         return kept, None
-    found, distance = None, np.zeros(0)
-    with contextlib.suppress(NotEllipsoid, np.linalg.LinAlgError):
-        found = start(vote, "symmetric")
-        distance = away(found, u)
+    found, distance = _through(vote, u)
     # a fit without a reading that stands apart needs no other
     if found is None or not distance[voters].max() <= OUTLIER * spread_of(distance[voters]):
         median, trimmed = min(_trimmed(vote), key=lambda one: one[0], default=(np.inf, None))
@@ -364,6 +346,25 @@ def sound(m: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray, np.n
     near, (shape, centre) = kept & (distance <= _FAR * spread_of(distance[voters])), found
     few = np.count_nonzero(near) < (1 - _MOST) * len(m)
     return (everything, None) if few else (near, (shape / size**2, middle + size * centre, distance[near]))
+
+
+def _solid(u: np.ndarray) -> bool:
+    """Whether scaled readings are enough for an ellipsoid, and not near a plane."""
+    return len(u) >= 2 * COUNT["symmetric"] and bool(extents(u)[-1] >= NEAR_PLANAR)
+
+
+def _through(vote: np.ndarray, u: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray] | None, np.ndarray]:
+    """The ellipsoid through some readings, or None, and the distances of others."""
+    with contextlib.suppress(NotEllipsoid, np.linalg.LinAlgError):
+        found = start(vote, "symmetric")
+        return found, away(found, u)
+    return None, np.zeros(0)
+
+
+def _tail(distance: np.ndarray) -> float:
+    """By how many of its standard deviations the number of far readings exceeds that of normal noise."""
+    usual = math.erfc(_TAIL / math.sqrt(2)) * len(distance)
+    return (np.count_nonzero(distance > _TAIL * spread_of(distance)) - usual) / math.sqrt(usual)
 
 
 class Chosen(namedtuple("Chosen", "rows m frame full near heavy distinct", defaults=(0, None, False, 0))):
@@ -392,8 +393,6 @@ def chosen(m: Any, everything: str = "") -> Chosen:
     frame, clipping = Frame.of(m), int(full.sum())
     if near is None:
         return Chosen(used, m, frame, clipping)
-    distance, usual = near[2][some], math.erfc(_TAIL / math.sqrt(2)) * len(m)
-    far = np.count_nonzero(distance > _TAIL * spread_of(distance))
-    heavy = len(m) >= _EACH * COUNT["symmetric"] and far > usual + _SURE * math.sqrt(usual)
+    heavy = len(m) >= _EACH * COUNT["symmetric"] and _tail(near[2][some]) > _SURE
     iron = np.concatenate([soft_of(near[0]).ravel() / frame.scale, (near[1] - frame.centre) / frame.scale])
     return Chosen(used, m, frame, clipping, iron, heavy)

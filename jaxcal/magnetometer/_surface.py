@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+import scipy  # loads its parts when they are first used
 
 from .._answer import Finding
 from .._frozen import made
@@ -41,7 +42,8 @@ class Surface(NamedTuple):
     (12 + q, 12 + q) covariance of C H, hard iron and further leaves, and its degrees of freedom. parts : whether it is that of fits without
     parts of the log. causes : what the residuals follow: name, step of the estimate that it explains, which is
     in the covariance, and largest effect on a reading over the field.
-    corrected : all readings. residual : (n,) their distances, and noise : their standard deviation, in their unit.
+    corrected, along : all readings, and their unit vectors before sensors beside. residual : (n,) their distances, and noise : their
+    standard deviation, in their unit.
     unseen : (12,) bias by terms that a smaller model leaves out, or of another method. larger : surface of the largest model, if another.
     dip, down : of the field, and the axis that points down at level, or None. joint : kind of a fit with a sensor beside, or currents;
     spread : covariance with their fields, which are then among the further values; alignment : the rotation.
@@ -55,6 +57,7 @@ class Surface(NamedTuple):
     field: Any = np.inf
     slopes: Any = None
     corrected: Any = None
+    along: Any = None
     residual: Any = np.zeros(0)
     noise: Any = np.inf
     m: Any = None
@@ -83,7 +86,7 @@ def surface_of(asked: Asked, picked: Chosen) -> Surface:
         return one._replace(matrix=between(one.slopes, one.found.covariance), freedom=float(len(one.m) - one.found.parameters.size))
     clipped = (FINDINGS("clipped", count=picked.full),) if picked.full else ()
     one = one._replace(rows=picked.rows, said=(*clipped, *one.said))
-    return one if one.found is None else _uncertain(one, asked.conditions)
+    return one if one.found is None else _uncertain(one._replace(along=unit(one.corrected)), asked.conditions)
 
 
 def _prepared(asked: Asked, picked: Chosen) -> Chosen | Surface:
@@ -114,18 +117,21 @@ def _fitted(asked: Asked, picked: Chosen, ready: Chosen) -> Surface:
     Kinds need more distinct readings than parameters. Beside the fit by another method, that of maximum likelihood shows its bias.
     """
     u, auto, near = ready.frame.in_frame(ready.m), asked.method == "ml" and asked.model == "auto", ready.near
-    fits, full, whiten, count, own = {}, None, None, int, asked.parts is not None
+    fits, full, count, own = {}, None, int, asked.parts is not None
     kinds = [kind for kind in reversed(COUNT) if ready.distinct > COUNT[kind]] if auto else ["symmetric" if own else asked.model]
     ways = {"consistent": ["consistent"], "constrained": ["symmetric", "constrained"]}.get(asked.method, kinds)
     for way in ways:
         kind = way if way in COUNT else "symmetric"
         if full is not None:
-            x, step = _smaller(full, whiten, kind)
-            # to first order in the step, which is the smallest in the covariance of the larger model; ln(n) / n is at most 1 / e
-            gain, more = _level(full.distance + full.near.slopes @ step) - _level(full.distance), 2 * (COUNT[full.kind] - COUNT[kind])
+            # to the parameters that are nearest by the information of the larger model: almost the fit, where both models hold
+            beyond, more = _beyond(full.kind, kind), 2 * (COUNT[full.kind] - COUNT[kind])
+            across = full.covariance @ beyond.T
+            step = -across @ np.linalg.solve(beyond @ across, beyond @ full.parameters)
+            # to first order in the step; ln(n) / n is at most 1 / e
+            gain = _level(full.distance + full.near.slopes @ step) - _level(full.distance)
             if gain > more / np.e or gain > more * np.log(count()) / count():
                 continue
-            near = basis_of(kind) @ x if (x[: COUNT[kind] - 3] > 0).all() else None
+            near = iron if ((iron := full.basis @ (full.parameters + step))[:9:4] > 0).all() else None
         try:
             iron = begun(u, way) if near is None or way != kind else near
         except NotEllipsoid:
@@ -141,7 +147,7 @@ def _fitted(asked: Asked, picked: Chosen, ready: Chosen) -> Surface:
         if auto and len(fits) == 1:
             count = functools.cache(functools.partial(_occupied, found.near.field))
             if found.converged and np.isfinite(found.covariance).all():
-                full, whiten = found, np.linalg.inv(found.covariance)
+                full = found
     if not fits or (not auto and ways[-1] not in fits):
         return Surface(said=(FINDINGS("no_ellipsoid"),))
     several = auto and len(fits) > 1
@@ -164,11 +170,10 @@ def _fitted(asked: Asked, picked: Chosen, ready: Chosen) -> Surface:
     return one._replace(larger=wide._replace(matrix=between(wide.slopes, np.where(sure, wide.found.covariance, np.inf))))
 
 
-def _smaller(full: Found, whiten: Any, kind: str) -> tuple[np.ndarray, np.ndarray]:
-    """Parameters of a smaller kind nearest to a fit by its information: almost its fit where both models hold; and the step there."""
-    basis = inverse_of(full.kind) @ basis_of(kind)
-    x = np.linalg.solve(basis.T @ whiten @ basis, basis.T @ whiten @ full.parameters)
-    return x, basis @ x - full.parameters
+@functools.cache
+def _beyond(larger: str, kind: str) -> np.ndarray:
+    """Combinations (k, p) of the parameters of a kind that are zero for a smaller one."""
+    return scipy.linalg.null_space((inverse_of(larger) @ basis_of(kind)).T).T
 
 
 def _score(distance: Any, kind: str, count: int) -> float:
@@ -190,7 +195,7 @@ def _left_out(largest: Found, chosen: Found) -> np.ndarray:
     more = COUNT[largest.kind] - COUNT[chosen.kind]
     if more and not np.isfinite(largest.covariance).all():
         return np.zeros(12)  # the verdict reports that the largest model could not be tried
-    gain = float(chosen.distance @ chosen.distance - largest.distance @ largest.distance) / max(largest.noise, 1e-300) ** 2
+    gain = float(chosen.distance @ chosen.distance - largest.distance @ largest.distance) / max(largest.noise**2, 1e-300)
     step = largest.basis @ largest.parameters - chosen.basis @ chosen.parameters
     return np.sqrt(max(1 - more / max(gain, 1e-300), 0.0)) * step
 
@@ -213,11 +218,10 @@ def _causes(one: Surface, conditions: dict[str, np.ndarray]) -> tuple[tuple[tupl
     full = found.kind == "symmetric"
     span = span_of(jacobian if full else slopes_of(found.near, basis_of("symmetric")))
     calm = tamed(span, found.distance)
-    for name, part in _columns(one, conditions).items():
-        part = part[:, np.abs(part).max(axis=0) > 1e-12 * one.radius]
-        coefficients, chance = followed(span, part, calm)
+    columns = _columns(one, conditions)
+    for name, (coefficients, chance) in followed(span, columns, calm).items():
         if chance < CHANCE:
-            effect, length = part @ coefficients, np.linalg.norm(jacobian, axis=0)
+            effect, length = columns[name] @ coefficients, np.linalg.norm(jacobian, axis=0)
             step = np.linalg.lstsq(jacobian / length, effect, rcond=1e-9)[0] / length
             causes.append((chance, (name, one.slopes @ step, float(np.max(np.abs(effect))) / one.radius)))
     return tuple(cause for _, cause in sorted(causes, key=lambda one: one[0])), calm if full else None
@@ -233,8 +237,7 @@ def _columns(one: Surface, conditions: dict[str, np.ndarray]) -> dict[str, np.nd
         if off.any():
             columns[name] = near.normal * (off / np.abs(off).max())[:, None]
     # averaging over a short time shortens a turning vector in proportion to the square of its rate
-    along = unit(one.corrected)
-    steps = along[1:] - along[:-1]
+    steps = one.along[1:] - one.along[:-1]
     turn = np.concatenate([steps[:1], (steps[1:] + steps[:-1]) / 2, steps[-1:]])[rows]
     columns[FAST] = ((near.normal * z).sum(axis=1) * (turn * turn).sum(axis=1))[:, None]
     square = near.normal * (z / radius) ** 2
