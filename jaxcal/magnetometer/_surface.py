@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-import scipy  # loads its parts when they are first used
 
 from .._answer import Finding
 from .._frozen import made
@@ -173,7 +172,7 @@ def _fitted(asked: Asked, picked: Chosen, ready: Chosen) -> Surface:
 @functools.cache
 def _beyond(larger: str, kind: str) -> np.ndarray:
     """Combinations (k, p) of the parameters of a kind that are zero for a smaller one."""
-    return scipy.linalg.null_space((inverse_of(larger) @ basis_of(kind)).T).T
+    return np.linalg.svd(inverse_of(larger) @ basis_of(kind))[0][:, COUNT[kind] :].T
 
 
 def _score(distance: Any, kind: str, count: int) -> float:
