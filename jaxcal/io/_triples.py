@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from ..evidence._values import SAMPLE
 from . import _guess
 from ._columns import SENSORS
 from ._evidence import all_integer, counts_hint, field_size, median_norm, spread
 from ._names import AXES, CHANGING, Name, bracketed, described, foreign, is_other, kind_of, placed, unit_in, words_of
-from ._readers._bounds import PIECE
 
 #: words for the axes x, y and z, and whether only rates are called so
 _WORDS = (
@@ -194,7 +194,7 @@ def weigh_values(one: Triple, table: Any, wanted: str | None, *, nameless: bool 
 
 def _readings(table: Any, columns: list[int]) -> np.ndarray:
     """Some rows of three columns."""
-    step = max(1, len(table.columns[0]) // PIECE)
+    step = max(1, len(table.columns[0]) // SAMPLE)
     return np.column_stack([np.asarray(table.columns[i][::step], np.float64) for i in columns])
 
 
