@@ -20,7 +20,7 @@ from ._aids import NAMES, Alignment, Asked, Attitudes
 from ._field import INCLINATION
 from ._findings import AGREE, FINDINGS
 from ._model import MagModel
-from ._quadric import NEAR_PLANAR, Frame, extents, rows_of, unit
+from ._quadric import NEAR_PLANAR, Frame, rows_of, unit
 from ._surface import Surface
 
 #: rad between verticals of one pose, ten times the scatter of an accelerometer by hand; usual steps between its readings: 1 in 10,000 of
@@ -270,19 +270,19 @@ def _axes(y: np.ndarray, at: Attitudes, dip: float, usable: bool) -> Axes | None
     return axes_of(y, at.up) if at.up is not None and usable and at.rotated else None
 
 
-def sphere_centre(m: np.ndarray) -> np.ndarray:
-    """Centre of the sphere through readings; if they do not determine one, the solution nearest to their mean."""
+def sphere_centre(m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Centre of the sphere through readings, if they do not determine one, the solution nearest to their mean; their extents, in ratio."""
     middle = m.mean(axis=0)
     square = np.sum((m - middle) ** 2, axis=1)
-    return middle + np.linalg.lstsq(2.0 * (m - middle), square - square.mean(), rcond=3e-2)[0]
+    found, _, _, extent = np.linalg.lstsq(2.0 * (m - middle), square - square.mean(), rcond=3e-2)
+    return middle + found, extent
 
 
 def _round(u: np.ndarray, dip: float) -> tuple[np.ndarray, np.ndarray]:
     """Start from a sphere through scaled readings; a circle has the size of the field's horizontal part."""
-    centre = sphere_centre(u)
+    centre, extent = sphere_centre(u)
     size = float(np.sqrt(np.mean(np.sum((u - centre) ** 2, axis=1))))
-    flat = extents(u)
-    size = size / np.cos(dip) if flat[-1] < 4 * NEAR_PLANAR * flat[0] else size
+    size = size / np.cos(dip) if extent[-1] < 4 * NEAR_PLANAR * extent[0] else size
     return size * np.eye(3), centre
 
 

@@ -17,7 +17,7 @@ from ._aids import Asked
 from ._field import HEADINGS, INCLINATION, axes_at, sphere_grid
 from ._findings import FINDINGS
 from ._model import HARD, SOFT, MagModel, changes_of, quantity_of
-from ._quadric import NEAR_PLANAR, OUTLIER, SYMMETRIC, UPPER, extents, inverse_of, quantile, rows_of, spread_of, unit
+from ._quadric import OUTLIER, SYMMETRIC, UPPER, inverse_of, quantile, rows_of, spread_of, unit
 from ._surface import BENT, FAST, Surface, between
 
 #: findings beside which a heading error means nothing
@@ -122,7 +122,7 @@ def _of_magnitudes(asked: Asked, surface: Surface, condition: float, weakest: st
     larger, found, size, norm = surface.larger, surface.found, float(surface.radius * surface.scale), asked.norm
     said: list[Finding] = []
     # where the model is chosen, readings in a plane have one of their own
-    if (asked.parts or (asked.method, asked.model) != ("ml", "auto")) and extents(surface.m)[-1] < NEAR_PLANAR:
+    if (asked.parts or (asked.method, asked.model) != ("ml", "auto")) and surface.flat:
         said.append(FINDINGS("near_planar"))
     elif not np.isfinite(found.covariance).all() or FINDINGS.over("undetermined", condition, what=weakest):
         said.append(FINDINGS("undetermined", what=weakest))

@@ -258,7 +258,7 @@ def guide(m: Samples, *, limit: float = np.deg2rad(1.0), inclination: float | No
     error = bound = np.inf
     if found is None or found.model is None or not np.isfinite(np.asarray(found.estimate.matrix)).all():
         # the direction farthest from those seen
-        centre = sphere_centre(m) if len(m) else np.zeros(3)
+        centre = sphere_centre(m)[0] if len(m) else np.zeros(3)
         gain = -(grid @ unit(m - centre).T).max(axis=1, initial=-1.0)
         told = f"{len(m)} readings; from {_FEWEST} on an error can be stated" if few else "the readings leave the calibration open"
     else:

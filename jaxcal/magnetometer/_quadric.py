@@ -109,13 +109,6 @@ def monomials(u: Any) -> Any:
     return xp.concatenate([axes[:1] * axes, axes[1:2] * axes[1:], axes[2:] * axes[2:], axes, xp.ones_like(axes[:1])]).T
 
 
-def extents(m: np.ndarray) -> np.ndarray:
-    """Root mean squares along the principal axes of readings in their frame, the largest first; in a plane one is zero to within 1e-8."""
-    off = m - m.sum(axis=0) / len(m)
-    squares = np.linalg.eigvalsh(off.T @ off)[::-1]
-    return np.sqrt(np.maximum(squares, 0.0) / max(squares.sum(), 1e-300))
-
-
 def shape_of(theta: Any) -> tuple[Any, Any]:
     """Shape matrix A and centre of any quadric theta, scaled so that (u - x0)'A(u - x0) = 1."""
     quadratic = theta[PLACE] * _HALVES.astype(theta.dtype)  # the matrix printed in the paper belongs to another order of the monomials
@@ -350,7 +343,8 @@ def sound(m: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray, np.n
 
 def _solid(u: np.ndarray) -> bool:
     """Whether scaled readings are enough for an ellipsoid, and not near a plane."""
-    return len(u) >= 2 * COUNT["symmetric"] and bool(extents(u)[-1] >= NEAR_PLANAR)
+    squares = np.linalg.eigvalsh((off := u - u.sum(axis=0) / max(len(u), 1)).T @ off)
+    return len(u) >= 2 * COUNT["symmetric"] and bool(squares[0] >= NEAR_PLANAR**2 * squares.sum())
 
 
 def _through(vote: np.ndarray, u: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray] | None, np.ndarray]:
@@ -367,10 +361,10 @@ def _tail(distance: np.ndarray) -> float:
     return (np.count_nonzero(distance > _TAIL * spread_of(distance)) - usual) / math.sqrt(usual)
 
 
-class Chosen(namedtuple("Chosen", "rows m frame full near heavy distinct", defaults=(0, None, False, 0))):
+class Chosen(namedtuple("Chosen", "rows m frame full near heavy distinct flat", defaults=(0, None, False, 0, False))):
     """Readings to fit: numbers, themselves, frame, how many were saturated, S and centre (12,) near them, whether their tail is heavy.
 
-    distinct : how many differ; only whether any model has fewer parameters.
+    distinct : how many differ; only whether any model has fewer parameters. flat : whether they are nearly in a plane.
     """
 
 

@@ -15,7 +15,6 @@ import jax
 import numpy as np
 
 from .._answer import Finding
-from .._frozen import made
 from ..fitting._serial import BLOCKS, CHANCE, by_parts, followed, span_of, tamed
 from . import _quadric as quadric
 from ._aids import Asked
@@ -39,8 +38,8 @@ class Surface(NamedTuple):
     of the whole matrix C H, hard iron and further leaves by its parameters.
     model, field : what it says of the iron. further, usual : values of further leaves, and the median of each condition. matrix, freedom :
     (12 + q, 12 + q) covariance of C H, hard iron and further leaves, and its degrees of freedom. parts : whether it is that of fits without
-    parts of the log. causes : what the residuals follow: name, step of the estimate that it explains, which is
-    in the covariance, and largest effect on a reading over the field.
+    parts of the log. flat : whether the readings are nearly in a plane. causes : what the residuals follow: name, step of the estimate that
+    it explains, which is in the covariance, and largest effect on a reading over the field.
     corrected, along : all readings, and their unit vectors before sensors beside. residual : (n,) their distances, and noise : their
     standard deviation, in their unit.
     unseen : (12,) bias by terms that a smaller model leaves out, or of another method. larger : surface of the largest model, if another.
@@ -69,6 +68,7 @@ class Surface(NamedTuple):
     matrix: Any = None
     freedom: Any = np.inf
     parts: bool = False
+    flat: bool = False
     causes: tuple[tuple[str, np.ndarray, float], ...] = ()
     dip: Any = None
     down: Any = None
@@ -92,7 +92,8 @@ def _prepared(asked: Asked, picked: Chosen) -> Chosen | Surface:
     """The chosen readings, without a heavy tail; or the finding why they show no surface, or their plane."""
     m, frame, near, auto = picked.m, picked.frame, picked.near, asked.method == "ml" and asked.model in ("auto", "planar")
     if asked.parts is not None or asked.traced:
-        return picked if near is not None else Surface(said=(FINDINGS("no_ellipsoid"),))
+        flat = not asked.traced and bool(_extents(m - frame.centre)[2] < NEAR_PLANAR)
+        return picked._replace(flat=flat) if near is not None else Surface(said=(FINDINGS("no_ellipsoid"),))
     count = _distinct(picked.m)
     least = "sphere" if auto else "symmetric" if asked.model == "auto" else asked.model
     if count <= COUNT[least] or frame.scale < EXACT * np.abs(m).max():
@@ -101,13 +102,19 @@ def _prepared(asked: Asked, picked: Chosen) -> Chosen | Surface:
         m, iron = _calmed(m, frame, near)
         frame = Frame.of(m)
         near = (iron - np.append(np.zeros(9), frame.centre)) / frame.scale
-    spread = quadric.extents(m)
+    spread = _extents(m - frame.centre)
     if spread[1] < NEAR_PLANAR:
         return Surface(said=(FINDINGS("line"),))
     if asked.model == "planar" or (spread[2] < NEAR_PLANAR and auto):
         normal = np.linalg.svd(m - frame.centre, full_matrices=False)[2][2]
         return Surface(plane=normal * np.sign(normal[np.argmax(np.abs(normal))]))
-    return picked._replace(m=m, frame=frame, near=near, distinct=count)
+    return picked._replace(m=m, frame=frame, near=near, distinct=count, flat=bool(spread[2] < NEAR_PLANAR))
+
+
+def _extents(off: np.ndarray) -> np.ndarray:
+    """Root mean squares along the principal axes of centred readings, the largest first; in a plane one is zero to within 1e-8."""
+    squares = np.linalg.eigvalsh(off.T @ off)[::-1]
+    return np.sqrt(np.maximum(squares, 0.0) / max(squares.sum(), 1e-300))
 
 
 def _fitted(asked: Asked, picked: Chosen, ready: Chosen) -> Surface:
@@ -151,7 +158,7 @@ def _fitted(asked: Asked, picked: Chosen, ready: Chosen) -> Surface:
         return Surface(said=(FINDINGS("no_ellipsoid"),))
     several = auto and len(fits) > 1
     found = min(fits.values(), key=lambda one: _score(one.distance, one.kind, count())) if several else [*fits.values()][-1]
-    one = ellipsoid(found, ready.frame, asked.norm)._replace(m=ready.m)
+    one = ellipsoid(found, ready.frame, asked.norm)._replace(m=ready.m, flat=ready.flat)
     if asked.traced:
         return one
     # all readings, as they are, beside the surface of those that were fitted
@@ -268,7 +275,7 @@ def ellipsoid(found: Found, frame: Frame, norm: Any) -> Surface:
     """The surface of an ellipsoid in scaled readings, traced or not; `norm`: magnitude of the field if it is given."""
     radius = radius_of(found.soft)
     field = frame.scale * radius if norm is None else norm
-    model = made(MagModel, soft_iron=found.soft * frame.scale / field, hard_iron=frame.centre + frame.scale * found.centre)
+    model = MagModel(found.soft * frame.scale / field, frame.centre + frame.scale * found.centre)
     return Surface(
         found=found, model=model, field=field, slopes=frame.scale * found.basis, residual=found.distance * frame.scale,
         noise=found.noise * frame.scale, scale=frame.scale, radius=radius,
