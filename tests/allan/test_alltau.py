@@ -61,10 +61,12 @@ def test_every_cluster_size_of_a_record(name, colour):
 @pytest.mark.parametrize("name", OVERLAPPED)
 @hypothesis.settings(max_examples=6, deadline=None)
 @hypothesis.given(length=st.integers(8500, 14_000), seed=st.integers(0, 2**32 - 1), walk=st.sampled_from([0.0, 0.01, 1.0]))
+@hypothesis.example(length=12_383, seed=0, walk=0.0)
 def test_any_length(name, length, seed, walk):
     random = np.random.default_rng(seed)
     y = random.standard_normal(length) + walk * np.cumsum(random.standard_normal(length))
     m = np.unique(random.choice(np.arange(1, length // 3 + 1), size=1500))
+    _ = [np.full(size, np.nan) for size in range(17_392, 17_440, 8) for _ in range(20)]  # what memory held before does not matter
     found = deviation(y, 1.0, kind=name, m=m).deviation
     chosen = random.choice(len(m), 60, replace=False)
     np.testing.assert_allclose(found[chosen], truth(y, m[chosen], name), rtol=1e-8)

@@ -93,7 +93,8 @@ def running_sum_of_phase(theta: Float[Array, " padded"]) -> tuple[Float[Array, "
     total = double_add(_two_product(width, first[:, 0]), (inside[:, -1], jnp.zeros_like(width)))
     start = lax.scan(lambda before, row: (double_add(before, row), before), (zero, zero), total)[1]
     index = jnp.broadcast_to(jnp.arange(_ROW).astype(theta.dtype)[None, :], rows.shape)
-    line = _two_product(index, jnp.broadcast_to(first, rows.shape))
+    # a row that begins at the end of the record begins with any value, even NaN
+    line = tuple(jnp.where(index > 0.0, part, zero) for part in _two_product(index, jnp.broadcast_to(first, rows.shape)))
     before = jnp.concatenate([jnp.zeros_like(first), inside[:, :-1]], axis=1)
     hi, lo = double_add(tuple(part[:, None] for part in start), double_add(line, (before, jnp.zeros_like(before))))
     return hi.reshape(-1), lo.reshape(-1)
