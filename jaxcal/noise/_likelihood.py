@@ -88,7 +88,7 @@ def scoring(
     held : (searches, p) coefficients that stay as they start.
     """
     most = max(ALONE // (columns.size * columns.shape[1]), 1)
-    if np.ndim(start) > 1 and len(start) > most:  # more at once take as long each
+    if np.ndim(start) > 1 and len(start) > most:  # the products of more searches at once would take two threads
         given = (target, weight, start, base, held)
         parts = ([one[i : i + most] if np.ndim(one) > 1 else one for one in given] for i in range(0, len(start), most))
         found = [scoring(columns, *part, enough=enough) for part in parts]
