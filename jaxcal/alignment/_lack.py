@@ -101,6 +101,7 @@ class _Look:
         readings = found.readings
         parts = readings if readings.parts is None else readings.parts
         self.model, self.free, self.values = found.model, np.flatnonzero(found.free), np.array(found.estimate.values)
+        self._known: tuple[np.ndarray, np.ndarray] | None = None
         self.sizes = np.asarray(sizes_of(found.names, gravity, readings.positions))
         begin, first = np.unique(np.asarray(readings.positions.start), return_index=True)
         self.terms, self.rests = _terms(found, parts, gravity), len(begin)
@@ -142,9 +143,11 @@ class _Look:
         return best if at else None, allowed
 
     def _slope(self) -> np.ndarray:
-        """Derivative of the whitened residuals by the free parameters."""
-        steps = np.diag(SMALL * self.sizes)[self.free]
-        return np.stack([(self.rows(self.values + h) - self.rows(self.values - h)) / (2 * h.max()) for h in steps], axis=1)
+        """Derivative of the whitened residuals by the free parameters, as long as no term moves these."""
+        if self._known is None or not np.array_equal(self._known[0], self.values):
+            values, steps = self.values.copy(), np.diag(SMALL * self.sizes)[self.free]
+            self._known = values, np.stack([(self.rows(values + h) - self.rows(values - h)) / (2 * h.max()) for h in steps], axis=1)
+        return self._known[1]
 
     def _moved(self, effect: np.ndarray, length: int) -> np.ndarray:
         """Change of the whitened residuals by effects (2, n, q), (length, q); none of those of priors."""

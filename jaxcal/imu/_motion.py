@@ -4,7 +4,6 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-import scipy  # loads its parts when they are first used
 
 from .._answer import Finding, Quantity, Result, Section, by_axis
 from .._arrays import from_vector, skew
@@ -155,10 +154,9 @@ def _products(time: np.ndarray, force: np.ndarray, rate: np.ndarray, up: np.ndar
     vertical[0] = up
     for k, step in enumerate(from_vector(-middle)):
         vertical[k + 1] = step @ vertical[k]
-    # derivative over five samples
-    slope = scipy.signal.savgol_filter(rate, 5, 1, deriv=1, delta=(time[-1] - time[0]) / (len(time) - 1), axis=0)
-    inside = slice(2, -2)
-    w, u, slope = rate[inside], vertical[inside], slope[inside]
+    inside, spacing = slice(2, -2), (time[-1] - time[0]) / (len(time) - 1)
+    slope = (2 * (rate[4:] - rate[:-4]) + rate[3:-1] - rate[1:-3]) / (10 * spacing)  # of the line through five samples
+    w, u = rate[inside], vertical[inside]
     turning = skew(slope) + skew(w) @ skew(w)  # (n, 3, 3): row i times the lever arm of axis i is its acceleration
     columns = np.zeros((len(w), 3, 10))
     columns[..., 0] = gravity * np.cross(u, w)

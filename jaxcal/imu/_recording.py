@@ -1,6 +1,7 @@
 """Data of a log for the calibration: arrays, means over the rests, and samples of the turns between them (host, NumPy)."""
 
 import dataclasses
+import functools
 from typing import Any
 
 import equinox as eqx
@@ -8,7 +9,7 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._answer import Finding
-from .._arrays import padded, power_of_two, runs
+from .._arrays import decaying_sum, padded, power_of_two, runs
 from .._errors import DataError
 from .._log import as_log
 from .._units import units_of
@@ -48,6 +49,14 @@ class Recording(eqx.Module):
     def sensors(self) -> dict[str, np.ndarray]:
         """The readings by sensor, for the detector of rests."""
         return {"accel": self.accel} | ({} if self.gyro is None else {"gyro": self.gyro})
+
+    @functools.cached_property
+    def whole(self) -> tuple[np.ndarray, np.ndarray]:
+        """The accelerometer's readings with all gaps interpolated, and how far those of the last 15 s were from them."""
+        known = np.flatnonzero(np.isfinite(self.accel).all(axis=1))
+        whole = np.stack([np.interp(np.arange(len(self.accel)), known, column[known]) for column in self.accel.T], axis=1)
+        share, moved = -np.expm1(-1 / (_CREEP * self.rate)), whole - whole[0]
+        return whole, share * decaying_sum(moved, 1 - share) - moved
 
 
 def recording(log: Any) -> Recording:
@@ -108,7 +117,7 @@ class Rests(eqx.Module):
     accel_scatter : (k, 3, 3) covariance of the mean of accel; gyro_scatter : (k, 3) variance of the mean of gyro; both are estimated
         from the scatter within the interval, between `pieces` (k,) independent parts.
     past : "creep", "hysteresis" -> (k, 3) what a sensor remembers: how far the readings of the last 15 s were from the present ones; how
-        much an axis with a play of 1e-3 of gravity lags behind, from 1 to -1 for a reading that came from above or below.
+        much an axis with a play of 1e-3 of gravity lags behind, from 1 to -1 for a reading that came from above or below (`remembering`).
     short : (k,) m/s^2 by which the mean vector is shorter than the force, because a hand rotated a little; zero until a model is known.
     slots : number of rows after padding.
     """
@@ -138,6 +147,21 @@ class Rests(eqx.Module):
         scatter = np.einsum("ij,kjl,ml->kim", correction, self.accel_scatter * self.pieces[:, None, None], correction)
         along = np.einsum("ki,kij,kj->k", vertical, scatter, vertical)
         return dataclasses.replace(self, short=(np.trace(scatter, axis1=1, axis2=2) - along) / (2 * size))
+
+    def remembering(self, recording: Recording, start: np.ndarray, stop: np.ndarray) -> "Rests":
+        """The rests with how much a play lags behind."""
+        # noise does not move a play: not within a rest, which begins and ends outside of its interval, and little of it is left
+        # in a mean over a quarter of a second
+        whole, edge = recording.whole[0].copy(), round(_PIECE * recording.rate)
+        for i, j in zip(start, stop, strict=True):
+            whole[max(i - edge, 0) : j + edge] = whole[i:j].mean(axis=0)
+        step = max(round(_PIECE * recording.rate / 2), 1)
+        smooth = scipy.ndimage.uniform_filter1d(whole, 2 * step, axis=0)[::step]
+        play, held = 1e-3 * np.linalg.norm(np.ptp(smooth, axis=0)) / 12**0.5, [smooth[0]]
+        for now in smooth[1:]:
+            held.append(np.minimum(np.maximum(held[-1], now - play), now + play))
+        lag = np.repeat((np.array(held) - smooth) / play, step, axis=0)[: len(whole)]
+        return dataclasses.replace(self, past=self.past | {"hysteresis": means(lag, start, stop)})
 
     def norm_variance(self, across: np.ndarray) -> np.ndarray:
         """(k,) variance of the magnitude that the scatter within the rests explains; `across` (k, 3) is its derivative by the readings."""
@@ -177,41 +201,23 @@ def means(readings: np.ndarray, start: np.ndarray, stop: np.ndarray) -> np.ndarr
 
 def rests_of(recording: Recording, start: np.ndarray, stop: np.ndarray) -> Rests:
     """Means over the intervals, and the uncertainty of each mean from the scatter within its interval."""
-    accel = means(recording.accel, start, stop)
-    gyro = 0 * accel if recording.gyro is None else means(recording.gyro, start, stop)
+    both = np.concatenate(list(recording.sensors.values()), axis=1)
+    mean = np.pad(means(both, start, stop), [(0, 0), (0, 6 - both.shape[1])])
     middle = (recording.time[start] + recording.time[stop - 1]) / 2 - recording.time[-1] / 2
     there = np.asarray(np.isfinite(recording.accel).all(axis=1))
     duration = np.array([there[i:j].sum() for i, j in zip(start, stop, strict=True)]) / recording.rate
     count = np.maximum(np.floor(duration / _PIECE), 4).astype(int)
-    both = recording.accel if recording.gyro is None else np.concatenate([recording.accel, recording.gyro], axis=1)
+    edges = [i + np.linspace(0, j - i, pieces + 1).astype(int) for i, j, pieces in zip(start, stop, count, strict=True)]
+    parts = np.split(_means(both, np.concatenate(edges)), np.cumsum(count + 1)[:-1])
     scatter = np.zeros((len(start), 6, 6))
-    for k, (i, j, pieces) in enumerate(zip(start, stop, count, strict=True)):
-        parts = _means(both[i:j], np.linspace(0, j - i, pieces + 1).astype(int))
-        scatter[k, : both.shape[1], : both.shape[1]] = np.cov(parts[np.isfinite(parts).all(axis=1)], rowvar=False) / pieces
+    for k, (part, pieces) in enumerate(zip(parts, count, strict=True)):
+        part = part[:pieces]  # the last one lies behind the interval
+        scatter[k, : both.shape[1], : both.shape[1]] = np.cov(part[np.isfinite(part).all(axis=1)], rowvar=False) / pieces
+    past = {"creep": means(recording.whole[1], start, stop)}
     return Rests(
-        accel, gyro, middle, duration, scatter[:, :3, :3], np.diagonal(scatter, axis1=1, axis2=2)[:, 3:], count,
-        _remembered(recording, start, stop), power_of_two(len(start) + 1, 32), np.zeros(len(start)),
+        mean[:, :3], mean[:, 3:], middle, duration, scatter[:, :3, :3], np.diagonal(scatter, axis1=1, axis2=2)[:, 3:], count, past,
+        power_of_two(len(start) + 1, 32), np.zeros(len(start)),
     )  # fmt: skip
-
-
-def _remembered(recording: Recording, start: np.ndarray, stop: np.ndarray) -> dict[str, np.ndarray]:
-    """What a sensor remembers of the past in each rest; see `Rests`."""
-    known = np.flatnonzero(np.isfinite(recording.accel).all(axis=1))
-    whole = np.stack([np.interp(np.arange(len(recording.accel)), known, column[known]) for column in recording.accel.T], axis=1)
-    share = -np.expm1(-1 / (_CREEP * recording.rate))
-    late = scipy.signal.lfilter([share], [1, share - 1], whole - whole[0], axis=0) - (whole - whole[0])
-    # noise does not move a play: not within a rest, which begins and ends outside of its interval, and little of it is left
-    # in a mean over a quarter of a second
-    edge = round(_PIECE * recording.rate)
-    for i, j in zip(start, stop, strict=True):
-        whole[max(i - edge, 0) : j + edge] = whole[i:j].mean(axis=0)
-    step = max(round(_PIECE * recording.rate / 2), 1)
-    smooth = scipy.ndimage.uniform_filter1d(whole, 2 * step, axis=0)[::step]
-    play, held = 1e-3 * np.linalg.norm(np.ptp(smooth, axis=0)) / 12**0.5, [smooth[0]]
-    for now in smooth[1:]:
-        held.append(np.minimum(np.maximum(held[-1], now - play), now + play))
-    lag = np.repeat((np.array(held) - smooth) / play, step, axis=0)[: len(whole)]
-    return {"creep": means(late, start, stop), "hysteresis": means(lag, start, stop)}
 
 
 def turns_of(recording: Recording, start: np.ndarray, stop: np.ndarray, slots: int, whole: bool = False) -> Turns:

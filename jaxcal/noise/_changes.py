@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from .._arrays import product
+from .._arrays import decaying_sum, product
 from .._types import AnyArray
 from ..spectrum._average import log_groups
 from ._likelihood import scoring
@@ -145,7 +145,7 @@ def _lagged(times: AnyArray, values: AnyArray, lag: float, t: AnyArray) -> AnyAr
     """The temperature after a first-order lag in s."""
     if lag:
         keep = np.exp(-(times[1] - times[0]) / lag)
-        values = values[0] + np.asarray(scipy.signal.lfilter([1.0 - keep], [1.0, -keep], values - values[0]))
+        values = values[0] + (1.0 - keep) * decaying_sum(values - values[0], keep)
     return np.asarray(np.interp(t, times, values))[:, None]
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from ..._arrays import namespace
+from ..._arrays import decaying_sum, namespace
 from ..._precision import array_module
 from ..._types import AnyArray, Real
 from ._base import Block, Term
@@ -83,11 +83,9 @@ class GaussMarkov(Term):
 
     def simulate(self, n: int, dt: float, random: np.random.Generator) -> Any:
         """First-order recursion whose first sample has the stationary variance."""
-        from scipy.signal import lfilter  # imported here because it is slow to import and seldom needed
-
         z = random.standard_normal(n)
         z[1:] *= math.sqrt(-math.expm1(-2.0 * dt / self.time))
-        return math.sqrt(self.time / 2.0) * np.asarray(lfilter([1.0], [1.0, -math.exp(-dt / self.time)], z))
+        return math.sqrt(self.time / 2.0) * decaying_sum(z, math.exp(-dt / self.time))
 
     def states(self, dt: float) -> Block | None:
         """One state, the process itself, stationary from the first sample."""
