@@ -25,7 +25,7 @@ J. R. Stat. Soc. B 39, 1977). The weights count the information of each ordinate
 
 import copy
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -51,6 +51,7 @@ _LEAST, _FEWEST, _NOTHING = 0.02, 16, 1e-6
 #: share of missing samples, and gaps over the root of the samples, up to which a draw about the mean of the neighbours fills gaps: it
 #: moves no coefficient by a tenth of its error; neighbours on either side of a gap, beside as many as the gap has samples
 _FEW, _GAPS, _NEIGHBOURS = 0.02, 0.03, 24
+_SMOOTH = 4096  # ordinates that hold a smooth function of time: those of a line fall with the square, and a hundredth decides a fit
 
 
 class Bins(NamedTuple):
@@ -113,22 +114,40 @@ def _idct(x: np.ndarray) -> np.ndarray:
 
 
 class Regressors:
-    """Functions of time, (p, n), that the mean of a record may contain beside a constant, with what all axes of a sensor share.
+    """Functions of time that the mean of a record may contain beside a constant, p columns, with what all axes of a sensor share.
+
+    Parameters
+    ----------
+    functions : of times in s, (count,), which give one or several columns, (count, columns). n, dt : samples, and their interval in s.
+    shares : the probability that each function is in the mean.
+    smooth : whether the ordinates beyond the first `_SMOOTH` hold nothing of them.
 
     Attributes
     ----------
-    columns, spectra : (p, n) the functions, and (p, n - 1) their DCT-II without that of the mean.
-    groups, shares : (p,) which functions are in the mean together, and the probability that they are.
-    both : (p, p) the probability that two functions are.
+    spectra : (p, n - 1) DCT-II of the columns without that of the mean; of smooth ones, (p, `_SMOOTH`).
+    groups, shares : (p,) the function of each column, and its probability. both : (p, p) the probability that two columns are in the mean.
     """
 
-    def __init__(self, columns: np.ndarray, groups: Any = None, shares: Any = 1.0):
-        self.columns = columns
-        self.groups = np.arange(len(columns)) if groups is None else groups
-        self.shares = shares * np.ones(len(columns))
+    def __init__(
+        self, functions: Sequence[Callable[[AnyArray], AnyArray]], n: int, dt: float, shares: Sequence[float] = (), smooth: bool = False
+    ):
+        self._functions, self._n, self._dt = functions, n, dt
+        count, width = (4 * _SMOOTH, _SMOOTH) if smooth and n > 4 * _SMOOTH else (n, n - 1)
+        columns, self.groups = self._at(((np.arange(count) + 0.5) * (n / count) - 0.5) * dt)
+        self.spectra = np.sqrt(n / count) * (dct(columns) if len(columns) else columns)[:, 1 : width + 1]
+        self.shares = np.array(shares or np.ones(len(functions)))[self.groups]
         self.both = np.where(np.equal.outer(self.groups, self.groups), self.shares, np.outer(self.shares, self.shares))
-        self.spectra = dct(columns)[:, 1:] if len(columns) else columns[:, 1:]
         self._products: np.ndarray | None = None
+
+    @functools.cached_property
+    def columns(self) -> AnyArray:
+        """The columns, (p, n)."""
+        return self._at(np.arange(self._n) * self._dt)[0]
+
+    def _at(self, times: AnyArray) -> tuple[AnyArray, AnyArray]:
+        """The columns at these times, (p, count), and the function of each one."""
+        parts = [np.zeros((0, len(times))), *(function(times).T for function in self._functions)]
+        return np.concatenate(parts), np.repeat(np.arange(len(parts) - 1), [len(one) for one in parts[1:]])
 
     def products(self, starts: np.ndarray) -> np.ndarray:
         """Sums over each bin of the products of the spectra, (p, p, bins)."""
@@ -169,7 +188,7 @@ class Observed:
         self._runs = _runs_of(missing) if len(self._open) else {}
         self._draws = 0 if not len(self._open) else min(_MOST_DRAWS, max(2, -(-_DRAWN // n)))
         self._white = np.random.default_rng(_SEED).standard_normal((self._draws, n))
-        self._mean = Regressors(np.zeros((0, n)))
+        self._mean = Regressors((), n, dt, smooth=True)
         self._begin()
 
     def beside(self, regressors: Regressors) -> "Observed":
@@ -182,7 +201,7 @@ class Observed:
         return found
 
     def _begin(self) -> None:
-        p = len(self._mean.columns)
+        p = len(self._mean.spectra)
         self.complete = not len(self._open) and not p
         self._z, self._before = self._given, {}
         self._known: tuple[np.ndarray, np.ndarray] | None = None
@@ -219,10 +238,8 @@ class Observed:
         else:
             own = self._mean.products(starts)
             if self._known is None:
-                self._known = (
-                    np.add.reduceat(self._spectrum**2, starts),
-                    _products(self._mean.spectra, self._spectrum[None, :], starts)[:, 0],
-                )
+                cross = _products(self._mean.spectra, self._spectrum[None, :], starts)[:, 0]
+                self._known = np.add.reduceat(self._spectrum**2, starts), cross
             squares, cross = self._known
         power, eps = np.sum(squares), np.finfo(float).eps
         rounding = eps**2 * power * count  # ordinates are never zero, not even those of a record without noise
@@ -252,7 +269,7 @@ class Observed:
     @property
     def filled(self) -> np.ndarray:
         """(n,) expectation of the record without the regressors, given the observations."""
-        return self._less(self._z[0], self._z[1:] if len(self._open) else self._mean.columns)
+        return self._less(self._z[0], self._z[1:] if len(self._open) or self.complete else self._mean.columns)
 
     @property
     def drawn(self) -> np.ndarray:
@@ -268,7 +285,10 @@ class Observed:
         return dct(self.drawn)[1:] if self._spectrum is None else self._less(self._spectrum, self._mean.spectra)
 
     def _less(self, record: np.ndarray, regressors: np.ndarray) -> np.ndarray:
-        return record - (self._mean.shares * self.factors) @ regressors if len(regressors) else record
+        if not len(regressors):
+            return record
+        width = regressors.shape[1]
+        return np.append(record[:width] - (self._mean.shares * self.factors) @ regressors, record[width:])
 
     def _doubts(self, own: np.ndarray, cross: np.ndarray) -> np.ndarray:
         """By how much each group of functions that may be in the mean changes the squares in each bin, as standard deviations."""
@@ -348,8 +368,11 @@ class Observed:
 
 def _products(spectra: np.ndarray, others: np.ndarray, starts: np.ndarray) -> np.ndarray:
     """Sums over each bin of the products of spectra, (p, ordinates) and (q, ordinates): (p, q, bins)."""
-    sums = [[np.add.reduceat(one * other, starts) for other in others] for one in spectra]
-    return np.reshape(sums, (len(spectra), len(others), len(starts)))
+    found, width = np.zeros((len(spectra), len(others), len(starts))), spectra.shape[1]
+    held = starts[starts < width]
+    for i, j in np.ndindex(*found.shape[:2]):
+        found[i, j, : len(held)] = np.add.reduceat(spectra[i] * others[j, :width], held)
+    return found
 
 
 def bridged(y: np.ndarray) -> np.ndarray:

@@ -22,6 +22,9 @@ from ._result import NoiseFit, assemble, spectra_of, with_edf
 from ._solve import FAST, SETTLED, Solved, amplitudes, solve
 from ._terms import GaussMarkov, Ramp, Term, is_sought
 
+#: densities over that of the noise up to which a change, and a step, are a hundredth of the noise in the ordinates beyond `_SMOOTH`
+_TOWERING = (1e10, 1e5)
+
 
 def fit_axes(records: Sequence[Record], asked: Asked) -> list[NoiseFit]:
     """Fit the channels of sensors, all of one length and with equally many axes, by the likelihood of their samples.
@@ -36,7 +39,7 @@ def fit_axes(records: Sequence[Record], asked: Asked) -> list[NoiseFit]:
     channels = [(y, name, one) for one in records for y, name in zip(one.channels, one.names, strict=True)]
     observed = [Observed(y, 1.0 / asked.rate, name) for y, name, _ in channels]
     if ramps:  # a regressor beside the other terms
-        line = Regressors(np.arange(len(observed[0].y))[None, :] / asked.rate)
+        line = Regressors([lambda times: times[:, None]], len(observed[0].y), 1.0 / asked.rate)
         observed = [one.beside(line) for one in observed]
     solved = solve(observed, base, asked.band)
     if sought:  # each channel with a process of its own correlation time
@@ -91,10 +94,10 @@ def _changes_of(observed: list[Observed], solved: Solved, records: Sequence[Reco
     changes = find_changes(sensors, lowest_of(n, dt, solved.columns), slow, walk, dt)
     changed = [i for i, one in enumerate(changes) if one.fitted]
     for i in changed:
-        functions = [change.columns(np.arange(n) * dt).T for change in changes[i].fitted]
-        count = [len(one) for one in functions]
-        groups, shares = np.repeat(np.arange(len(count)), count), np.repeat(changes[i].shares, count)
-        regressors = Regressors(np.concatenate(functions), groups, shares)
+        fitted, heights, levels = changes[i].fitted, solved.bins.density[places[i]], solved.of(places[i]).level
+        steps = any(one.time == 0.0 and one.family != "temperature" for one in fitted)
+        smooth = heights.max() < _TOWERING[steps] * levels.min()
+        regressors = Regressors([one.columns for one in fitted], n, dt, changes[i].shares, smooth)
         for k in places[i]:
             observed[k] = observed[k].beside(regressors)
     if len(rows := places[changed].ravel()):
