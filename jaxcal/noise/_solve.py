@@ -98,14 +98,15 @@ def solve(observed: Sequence[Observed], columns: tuple[Term, ...], band, begun: 
     If some are missing, the fit is repeated until the density that fills the gaps no longer changes. `begun` are fits without regressors
     that the records now have.
     """
-    columns, rough, k = (*columns, _FILTER), 0 if begun else _ROUGH, 0
+    columns, rough, k = (*columns, _FILTER), -1 if begun else _ROUGH, 0
     whole = np.array([one.complete for one in observed])
     solved = begun or _solved(beside([one.bins(columns) for one in observed]), columns, band, whole & (band is None))
     rows = np.flatnonzero(~whole)
     while len(rows) and k < _ROUNDS:
         before, k = _level(solved.of(rows)), k + 1
         bins = beside([observed[i].bins(columns, level) for i, level in zip(rows.tolist(), before, strict=True)])
-        found = _solved(bins, columns, band, band is None and k >= rough)
+        start = solved.theta[rows] * (solved.bins.unit[rows] / bins.unit)[:, None] if k > 1 else None
+        found = _solved(bins, columns, band, band is None and k >= rough, start)
         change = np.log(_level(found) / before)
         solved.put(rows, found._replace(off=np.sqrt(0.5 * np.vecdot(found.weight, change**2))))
         rows = rows[(solved.off[rows] >= SETTLED) | (k <= rough + 1)]
@@ -120,14 +121,14 @@ def _level(solved: Solved) -> AnyArray:
     return np.where(there, model + own * (bins.density - model), model) * bins.unit[:, None]
 
 
-def _solved(whole: Bins, columns: tuple[Term, ...], band, automatic: Any) -> Solved:
+def _solved(whole: Bins, columns: tuple[Term, ...], band, automatic: Any, start: AnyArray | None = None) -> Solved:
     bins = inside(whole, band)
     count = int(np.min(np.sum(bins.weight > 0, axis=1)))
     if count <= len(columns):
         more = "record longer without gaps, widen the band, or ask for fewer terms"
         raise DataError(f"{count} frequency bins are left for {len(columns)} terms; {more}")
     group, none = groups_of(whole.weight), np.zeros(len(bins.weight))
-    solved = _fitted(Solved(bins, columns, none, bins.weight.copy(), none, none, none, none, none > 0.0, none.copy()), group)
+    solved = _fitted(Solved(bins, columns, none, bins.weight.copy(), none, none, none, none, none > 0.0, none.copy()), group, start)
     solved = solved._replace(lines=find_lines(bins, solved.level))
     if len(rows := np.flatnonzero(solved.lines.any(axis=1))):
         part = solved.of(rows)
@@ -140,10 +141,13 @@ def _solved(whole: Bins, columns: tuple[Term, ...], band, automatic: Any) -> Sol
     return solved
 
 
-def _fitted(solved: Solved, group: AnyArray) -> Solved:
-    """Fit from several starting points, keep the highest likelihood, and judge the fit; `group` comes from `groups_of`."""
+def _fitted(solved: Solved, group: AnyArray, start: AnyArray | None = None) -> Solved:
+    """Fit from several starting points or a given one, (channels, p), keep the highest likelihood, and judge the fit.
+
+    `group` comes from `groups_of`.
+    """
     (target, _, _, columns, _), weight, held, count = solved.bins, solved.weight, ~solved.among, len(group)
-    starts = several_starts(columns, target, weight, ~held)
+    starts = several_starts(columns, target, weight, ~held) if start is None else np.where(held, 0.0, start)[:, None]
     each = np.repeat(np.arange(count), starts.shape[1])
     theta, cost = scoring(columns, target[each], weight[each], starts.reshape(len(each), -1), held=held[each])
     best = np.argmin(cost.reshape(count, -1), axis=1) + np.arange(0, len(each), starts.shape[1])
