@@ -96,24 +96,28 @@ class _Record:
         alive = [i for i, column in enumerate(values.T) if count[i] >= enough and np.fmin.reduce(column) < np.fmax.reduce(column)]
         self.size = len(values)
         self.present = functools.reduce(np.logical_and, known.T[alive]) if alive else np.zeros(self.size, bool)
-        self.index = np.flatnonzero(self.present)
-        self.columns = [values[:, i] if len(self.index) == self.size else values[self.index, i] for i in alive]
-        # sums keep their digits about a level near the readings
-        self.columns = [column - quantile(column[:: len(column) // _BLOCK + 1], 0.5) for column in self.columns if len(column)]
+        self.columns = [values[:, i] if self.present.all() else values[self.present, i] for i in alive]
+        self.columns = [_levelled(column) for column in self.columns if len(column)]
+        self.count = len(self.columns[0]) if self.columns else 0
         self.steps = np.array([resolution(column) for column in self.columns])
         self.hidden = np.array([_hidden(column) for column in self.columns])
-        self.longest = min(round(LONGEST * rate * len(self.index) / max(self.size, 1)), len(self.index) // (2 * _PAIRS))
+        self.longest = min(round(LONGEST * rate * self.count / max(self.size, 1)), self.count // (2 * _PAIRS))
         self.sums, self.summed = self.columns, 1  # of so many samples in a row
-        self.room = np.empty((len(self.columns), len(self.index)))  # for the looks of any lag
+        self.room = np.empty((len(self.columns), self.count))  # for the looks of any lag
         self.tails = False  # whether single outliers are tails of the noise
         self.lags = max(self.longest, 1).bit_length()
+
+    @functools.cached_property
+    def index(self) -> np.ndarray:
+        """The row of each reading."""
+        return np.flatnonzero(self.present)
 
     @functools.cached_property
     def slow(self) -> np.ndarray:
         """Robust spread of the looks of each axis at the longest lag."""
         lag = min(self.longest, _STEPS)
         step = self.longest // lag
-        whole = np.arange(len(self.index) // step) * step
+        whole = np.arange(self.count // step) * step
         means = [np.convolve(np.add.reduceat(column[: len(whole) * step], whole), np.ones(lag), "valid") for column in self.columns]
         return self._spread(np.array([(one[lag:] - one[:-lag]) ** 2 for one in means]), lag * step) / (lag * step)
 
@@ -126,7 +130,7 @@ class _Record:
         while self.summed < step:
             self.sums, self.summed = [c[: len(c) // 2 * 2 : 2] + c[1::2] for c in self.sums], 2 * self.summed
         lag = h // step
-        out = self.room[:, : max(len(self.index) // step - 2 * lag + 1, 0)]
+        out = self.room[:, : max(self.count // step - 2 * lag + 1, 0)]
         for row, c in zip(out, self.sums, strict=True):
             for first in range(0, len(row), SAMPLE):
                 d = row[first : first + SAMPLE]
@@ -153,7 +157,7 @@ class _Record:
         energy = np.einsum("abk->ab", _blocks(looks)) / _BLOCK
         gross = np.any(energy > _GROSS * (quantile(energy, 0.25) + (h * self.hidden) ** 2)[:, None], axis=0)
         chance = 0.5 * CHANCE / self.lags  # half for single looks, half for the energy of blocks of looks
-        limit = _limit(axes, len(self.index) / h, chance / count)
+        limit = _limit(axes, self.count / h, chance / count)
         if axes == 1 and not gross.any() and _surely_below(looks, limit) and not _loud(energy[0], chance).any():
             return out
         still = looks
@@ -192,7 +196,7 @@ class _Record:
         starts, stops = runs(found)
         grown = h // 4 + 2
         first = np.maximum(h + starts * step - grown, 0)
-        last = np.minimum(h + (stops - 1) * step + grown, len(self.index) - 1)
+        last = np.minimum(h + (stops - 1) * step + grown, self.count - 1)
         for a, b in zip(self.index[first], self.index[last], strict=True):
             out[a : b + 1] = True
         return out
@@ -202,6 +206,7 @@ class _Record:
         slow, kept = self.slow if self.longest else None, ~out[self.index]
         self.columns = [column[kept] for column in self.columns]
         self.index = self.index[kept]
+        self.count = len(self.index)
         if slow is not None and slow.all():
             self._level(slow)
         self.sums, self.summed = self.columns, 1
@@ -220,6 +225,14 @@ class _Record:
             step = np.zeros(len(column))
             step[joints] = moved
             column -= np.cumsum(step)
+
+
+def _levelled(column: np.ndarray) -> np.ndarray:
+    """Readings about a level near them, so that sums keep their digits; the given ones where they are near zero."""
+    part = column[:: len(column) // _BLOCK + 1]
+    level = quantile(part, 0.5)
+    near = column.flags.c_contiguous and column.dtype == float and abs(level) <= part.max() - part.min()
+    return column if near else column - level
 
 
 def _hidden(column: np.ndarray) -> float:

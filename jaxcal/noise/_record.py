@@ -81,8 +81,9 @@ class Record:
             if low == high:
                 why = "Check that the sensor was running and that its resolution is finer than its noise; leave a dead channel out"
                 raise DataError(f"every sample is equal: there is no noise to characterise. {why}").of(name)
-        y = np.array(self.channels, dtype=float)
+        y = np.array(self.channels, dtype=float) if len(self.channels) > 1 else np.asarray(self.channels[0], dtype=float)[None]
         self.aside = bursts(y.T, rate) if self.aside is None else self.aside
+        y = y.copy() if len(self.aside) else y
         for first, last in self.aside:
             y[:, first:last] = np.nan
         self.channels = list(y)
