@@ -146,25 +146,24 @@ def nonnegative(gram: AnyArray, target: AnyArray, free: Any, active: AnyArray, h
     """Least squares from normal equations, (..., p, p) and (..., p), with coefficients at or above zero, unless `free`.
 
     Returns the coefficients, and which are above zero, which begin as `active`; those that are `held` stay zero. Coefficients that violate
-    a condition of the minimum change sides, first all together and then the worst one (J. J. Júdice and F. M. Pires, Comput. Oper. Res.
-    21, 1994).
+    a condition of the minimum change sides, all together while they get fewer, and then the worst one (J. J. Júdice and F. M. Pires,
+    Comput. Oper. Res. 21, 1994).
     """
     size = np.sqrt(np.maximum(gram.diagonal(axis1=-2, axis2=-1), _TINY))
     unit, goal, own = gram / (size[..., :, None] * size[..., None, :]), target / size, _eye(gram.shape[-1])
     unit += _FLAT * _EPS * own
     enough = np.where(held, np.inf, _RIDGE * np.abs(goal).max(axis=-1, keepdims=True))
-    theta, least = goal, np.where(free, -np.inf, 0.0)
-    for k in range(10 * len(own)):
+    theta, least, fewest = goal, np.where(free, -np.inf, 0.0), np.inf
+    for _ in range(10 * len(own)):
         both = active[..., :, None] & active[..., None, :]
         theta = np.linalg.solve(np.where(both, unit, own), np.where(active, goal, 0.0)[..., None])[..., 0]
         slope = goal - (unit @ theta[..., None])[..., 0]
         wrong = np.where(active, theta < least, slope > enough)
         if not wrong.any():
             break
-        if k:
-            amount = np.where(wrong, np.where(active, -theta, slope), 0.0)
-            wrong &= amount == amount.max(axis=-1, keepdims=True)
-        active = active ^ wrong
+        number, amount = wrong.sum(axis=-1, keepdims=True), np.where(wrong, np.where(active, -theta, slope), 0.0)
+        wrong &= (number < fewest) | (amount == amount.max(axis=-1, keepdims=True))
+        active, fewest = active ^ wrong, np.minimum(number, fewest)
     return np.maximum(theta, least) / size, active
 
 

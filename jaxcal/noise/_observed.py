@@ -124,30 +124,27 @@ class Regressors:
 
     Attributes
     ----------
-    spectra : (p, n - 1) DCT-II of the columns without that of the mean; of smooth ones, (p, `_SMOOTH`).
+    columns : (p, n) the columns; of smooth ones, (p, 4 `_SMOOTH`) at evenly spaced times.
+    spectra : (p, n - 1) their DCT-II without that of the mean; of smooth ones, (p, `_SMOOTH`).
     groups, shares : (p,) the function of each column, and its probability. both : (p, p) the probability that two columns are in the mean.
     """
 
     def __init__(
         self, functions: Sequence[Callable[[AnyArray], AnyArray]], n: int, dt: float, shares: Sequence[float] = (), smooth: bool = False
     ):
-        self._functions, self._n, self._dt = functions, n, dt
         count, width = (4 * _SMOOTH, _SMOOTH) if smooth and n > 4 * _SMOOTH else (n, n - 1)
-        columns, self.groups = self._at(((np.arange(count) + 0.5) * (n / count) - 0.5) * dt)
-        self.spectra = np.sqrt(n / count) * (dct(columns) if len(columns) else columns)[:, 1 : width + 1]
+        self._edges = np.arange(count + 1) * (n / count)
+        times = (0.5 * (self._edges[1:] + self._edges[:-1]) - 0.5) * dt
+        parts = [np.zeros((0, count)), *(function(times).T for function in functions)]
+        self.columns, self.groups = np.concatenate(parts), np.repeat(np.arange(len(functions)), [len(one) for one in parts[1:]])
+        self.spectra = np.sqrt(n / count) * (dct(self.columns) if len(self.columns) else self.columns)[:, 1 : width + 1]
         self.shares = np.array(shares or np.ones(len(functions)))[self.groups]
         self.both = np.where(np.equal.outer(self.groups, self.groups), self.shares, np.outer(self.shares, self.shares))
         self._products: np.ndarray | None = None
 
-    @functools.cached_property
-    def columns(self) -> AnyArray:
-        """The columns, (p, n)."""
-        return self._at(np.arange(self._n) * self._dt)[0]
-
-    def _at(self, times: AnyArray) -> tuple[AnyArray, AnyArray]:
-        """The columns at these times, (p, count), and the function of each one."""
-        parts = [np.zeros((0, len(times))), *(function(times).T for function in self._functions)]
-        return np.concatenate(parts), np.repeat(np.arange(len(parts) - 1), [len(one) for one in parts[1:]])
+    def at_samples(self, values: AnyArray) -> AnyArray:
+        """What is known at the times of the columns, (..., count), at each sample, (..., n)."""
+        return values if values.shape[-1] > 4 * _SMOOTH else np.repeat(values, np.diff(np.rint(self._edges).astype(int)), axis=-1)
 
     def products(self, starts: np.ndarray) -> np.ndarray:
         """Sums over each bin of the products of the spectra, (p, p, bins)."""
@@ -196,7 +193,7 @@ class Observed:
         found = copy.copy(self)
         found._mean = regressors
         if len(self._open):
-            found._given = np.concatenate([self._given[:1], self._centred(regressors.columns)])
+            found._given = np.concatenate([self._given[:1], self._centred(regressors.at_samples(regressors.columns))])
         found._begin()
         return found
 
@@ -269,7 +266,10 @@ class Observed:
     @property
     def filled(self) -> np.ndarray:
         """(n,) expectation of the record without the regressors, given the observations."""
-        return self._less(self._z[0], self._z[1:] if len(self._open) or self.complete else self._mean.columns)
+        if self.complete:
+            return self._z[0]
+        mean, parts = self._mean, self._z[1:] if len(self._open) else self._mean.columns
+        return self._z[0] - mean.at_samples((mean.shares * self.factors) @ parts)
 
     @property
     def drawn(self) -> np.ndarray:
@@ -282,13 +282,13 @@ class Observed:
 
     def spectrum(self) -> np.ndarray:
         """Ordinates (n - 1,) of `drawn` by the orthonormal DCT-II, without that of the mean."""
-        return dct(self.drawn)[1:] if self._spectrum is None else self._less(self._spectrum, self._mean.spectra)
-
-    def _less(self, record: np.ndarray, regressors: np.ndarray) -> np.ndarray:
-        if not len(regressors):
-            return record
-        width = regressors.shape[1]
-        return np.append(record[:width] - (self._mean.shares * self.factors) @ regressors, record[width:])
+        if self._spectrum is None:
+            return dct(self.drawn)[1:]
+        if self.complete:
+            return self._spectrum
+        found = self._spectrum.copy()
+        found[: self._mean.spectra.shape[1]] -= (self._mean.shares * self.factors) @ self._mean.spectra
+        return found
 
     def _doubts(self, own: np.ndarray, cross: np.ndarray) -> np.ndarray:
         """By how much each group of functions that may be in the mean changes the squares in each bin, as standard deviations."""
