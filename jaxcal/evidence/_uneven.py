@@ -126,7 +126,7 @@ def energies_in_blocks(spectrum: AnyArray, count: AnyArray, evidence: AnyArray, 
     """
     n = len(spectrum)
     # single precision is enough for energies, and takes half the time; of a step alone nothing is left as noise, which exceeds its range
-    largest = max(float(np.max(spectrum)), -float(np.min(spectrum))) or 1.0
+    largest = float(np.max(np.abs(spectrum[:_BAND]))) or 1.0
     single = np.divide(spectrum, largest, dtype=np.float32, casting="same_kind")
     energies, worth, fast = np.zeros((len(evidence), BLOCKS[0])), np.zeros(len(evidence)), []
     for row in np.flatnonzero(evidence.any(axis=1)):
