@@ -1,10 +1,7 @@
 """`fit`: noise coefficients of a record, and `characterise`: of every channel of a log."""
 
 import itertools
-import os
-import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -27,7 +24,7 @@ from ._terms import Term
 from ._traced import fit_traced
 from ._whittle import fit_axes
 
-_AT_ONCE = 1 << 20  # samples fitted together, at 50 bytes each: more save no time, and with fewer a second thread saves less than it costs
+_AT_ONCE = 1 << 20  # samples fitted together, at 50 bytes each: more save no time
 
 
 def fit(
@@ -108,21 +105,16 @@ def _fits(y: Any, options: tuple[Any, ...]) -> list[NoiseFit]:
 
 @host_float64
 def _of_sensors(records: Sequence[Record], options: tuple[Any, ...]) -> list[NoiseFit]:
-    """A fit of each axis of sensors, all of one length and with equally many axes, in equal parts, which threads take.
+    """A fit of each axis of sensors, all of one length and with equally many axes, in equal parts.
 
-    NumPy, SciPy and compiled programs let other threads work. What is small is computed for all sensors of a part at once.
+    What is small is computed for all sensors of a part at once. Two threads, one for each part, take longer than one.
     """
     asked = checked_call(records[0], *options)
     samples = len(records) * len(records[0].channels) * len(records[0].channels[0])
     places = np.array_split(np.arange(len(records)), min(-(-samples // _AT_ONCE), len(records)))
-    # a thread that the caller started already has a core
-    workers = min(os.cpu_count() or 1, len(places)) if threading.current_thread() is threading.main_thread() else 1
-    with ThreadPoolExecutor(workers) as pool:
-        found = (pool.map if workers > 1 else map)(lambda part: _of_part([records[i] for i in part], asked), places)
-        return [fit for part in found for fit in part]
+    return [fit for part in places for fit in _of_part([records[i] for i in part], asked)]
 
 
-@host_float64
 def _of_part(records: Sequence[Record], asked: Asked) -> list[NoiseFit]:
     """A fit of each axis of sensors; findings of the checks come first."""
     for record in records:

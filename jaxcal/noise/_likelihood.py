@@ -26,7 +26,6 @@ FAINT = 0.01  # in several starts one column begins with this fraction of an equ
 _STEPS, _SHORTEST, _GAINED, _DARK, _FLAT, _RIDGE = 50, 1e-3, 1e-4, 1e-9, 64.0, 1e-10
 _TINY, _EPS = np.finfo(float).tiny, np.finfo(float).eps
 _LEAST = np.sqrt(_TINY)  # a density above zero whose square is a number
-_AT_ONCE = 10_000  # bins of searches that run at once, in the cache
 #: significance above which a term is a hint, and above which it is present. Without the term, 5 % and 1 % of records exceed these,
 #: because a coefficient cannot be negative (S. G. Self and K.-Y. Liang, J. Am. Stat. Assoc. 82, 1987)
 HINT, PRESENT = 2.71, 5.41
@@ -88,12 +87,6 @@ def scoring(
     base : density that is always there. Like target and weight, each search may have its own.
     held : (searches, p) coefficients that stay as they start.
     """
-    most = max(_AT_ONCE // len(columns), 1)
-    if np.ndim(start) > 1 and len(start) > most:
-        given = (target, weight, start, base, held)
-        parts = ([one[i : i + most] if np.ndim(one) > 1 else one for one in given] for i in range(0, len(start), most))
-        found = [scoring(columns, *part, enough=enough) for part in parts]
-        return np.concatenate([theta for theta, _ in found]), np.concatenate([cost for _, cost in found])
     used = weight > 0 if np.ndim(weight) == 1 else (weight > 0).any(axis=0)
     used = slice(None) if used.all() else used
     x, rows, products, scale, free = _prepared(columns[used].tobytes(), columns.shape[1])
@@ -103,7 +96,7 @@ def scoring(
     floor, dark = np.where(held, theta, 0.0) @ rows + base, _DARK * p
 
     def cost_of(theta: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:
-        s = np.maximum(theta @ rows + base, dark)
+        s = np.maximum(product(theta, rows) + base, dark)
         ratio = p / s
         return s, ratio, 0.5 * np.vecdot(ratio - 1.0 - np.log(ratio), weight)
 
@@ -113,7 +106,7 @@ def scoring(
         # near the maximum the mean of expected and observed information has half the error of the expected one
         own = weight / s
         each = own / s * ratio if k > 1 else own / s
-        goal = (each * (s - floor) + own * (ratio - 1.0)) @ x
+        goal = product(each * (s - floor) + own * (ratio - 1.0), x)
         wanted, active = nonnegative(product(each, products).reshape(*goal.shape, -1), goal, free, active, held)
         step, trial = 1.0, (wanted := np.where(held, begin, wanted))
         s, ratio, new = cost_of(trial)
