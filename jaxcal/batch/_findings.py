@@ -2,7 +2,5 @@
 
 from .._answer import CAUTION, Kind, table
 
-FINDINGS = table(
-    said=Kind(CAUTION, "{text}"),
-)  # fmt: skip
+FINDINGS = table(said=Kind(CAUTION, "{text}"))
 FEWEST = 5  # logs that show a spread: with four, the limit of an outlier exceeds any distance that four values can have

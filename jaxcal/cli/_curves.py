@@ -15,9 +15,7 @@ from ._options import CallError, Level, Log, Pictured, Reading, Running, read_cl
 from ._outputs import Outputs, standard
 from ._work import carry_out
 
-Kind = Literal[
-    "adev", "oadev", "mdev", "tdev", "hdev", "ohdev", "mtie", "tierms"
-]  # fmt: skip
+Kind = Literal["adev", "oadev", "mdev", "tdev", "hdev", "ohdev", "mtie", "tierms"]
 _GRIDS = ("log", "octave", "decade", "all")
 
 

@@ -119,7 +119,7 @@ class Rests(eqx.Module):
     past : "creep", "hysteresis" -> (k, 3) what a sensor remembers: how far the readings of the last 15 s were from the present ones; how
         much an axis with a play of 1e-3 of gravity lags behind, from 1 to -1 for a reading that came from above or below (`remembering`).
     short : (k,) m/s^2 by which the mean vector is shorter than the force, because a hand rotated a little; zero until a model is known.
-    slots : number of rows after padding.
+    slots : number of rows after padding. ends : first sample of each interval, and the one after its last.
     """
 
     accel: np.ndarray
@@ -132,6 +132,7 @@ class Rests(eqx.Module):
     past: dict[str, np.ndarray]
     slots: int
     short: np.ndarray
+    ends: Ends
 
     def poses(self, sigma: np.ndarray, gyro_sigma: np.ndarray) -> Poses:
         """Padded poses with the given standard deviations, (k,) and (k, 3)."""
@@ -148,12 +149,12 @@ class Rests(eqx.Module):
         along = np.einsum("ki,kij,kj->k", vertical, scatter, vertical)
         return dataclasses.replace(self, short=(np.trace(scatter, axis1=1, axis2=2) - along) / (2 * size))
 
-    def remembering(self, recording: Recording, start: np.ndarray, stop: np.ndarray) -> "Rests":
+    def remembering(self, recording: Recording) -> "Rests":
         """The rests with how much a play lags behind."""
         # noise does not move a play: not within a rest, which begins and ends outside of its interval, and little of it is left
         # in a mean over a quarter of a second
         whole, edge = recording.whole[0].copy(), round(_PIECE * recording.rate)
-        for i, j in zip(start, stop, strict=True):
+        for i, j in zip(*self.ends, strict=True):
             whole[max(i - edge, 0) : j + edge] = whole[i:j].mean(axis=0)
         step = max(round(_PIECE * recording.rate / 2), 1)
         smooth = scipy.ndimage.uniform_filter1d(whole, 2 * step, axis=0)[::step]
@@ -161,7 +162,7 @@ class Rests(eqx.Module):
         for now in smooth[1:]:
             held.append(np.minimum(np.maximum(held[-1], now - play), now + play))
         lag = np.repeat((np.array(held) - smooth) / play, step, axis=0)[: len(whole)]
-        return dataclasses.replace(self, past=self.past | {"hysteresis": means(lag, start, stop)})
+        return dataclasses.replace(self, past=self.past | {"hysteresis": means(lag, *self.ends)})
 
     def norm_variance(self, across: np.ndarray) -> np.ndarray:
         """(k,) variance of the magnitude that the scatter within the rests explains; `across` (k, 3) is its derivative by the readings."""
@@ -216,7 +217,7 @@ def rests_of(recording: Recording, start: np.ndarray, stop: np.ndarray) -> Rests
     past = {"creep": means(recording.whole[1], start, stop)}
     return Rests(
         mean[:, :3], mean[:, 3:], middle, duration, scatter[:, :3, :3], np.diagonal(scatter, axis1=1, axis2=2)[:, 3:], count, past,
-        power_of_two(len(start) + 1, 32), np.zeros(len(start)),
+        power_of_two(len(start) + 1, 32), np.zeros(len(start)), (start, stop),
     )  # fmt: skip
 
 

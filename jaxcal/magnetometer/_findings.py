@@ -25,9 +25,7 @@ FINDINGS = table(
         CAUTION, "The heading error is above {limit:.2g}.", "Read next: {attitude}.",
         limits=(float(np.deg2rad(1.0)), float(np.deg2rad(5.0))),  # rms, rad: what a compass needs; no use as one
     ),
-    few_left=Kind(
-        CAUTION, "{count} readings leave the noise uncertain: the heading error may be {angle:.2g}.", "Take more readings.",
-    ),
+    few_left=Kind(CAUTION, "{count} readings leave the noise uncertain: the heading error may be {angle:.2g}.", "Take more readings."),
     small_model=Kind(
         CAUTION, "The readings cannot show {what}; the model {model} was fitted, and what it leaves out may be there.",
         "Turn the sensor through more attitudes.",
@@ -61,9 +59,7 @@ FINDINGS = table(
         "Turn more slowly, or record without the filter.",
     ),
     bent=Kind(NOTE, "The response of an axis is bent, by up to {size:.2g} % of the field.", "Use a larger range of the sensor."),
-    correlated=Kind(
-        NOTE, "The residuals, {size:.2g} % of the field, are correlated along the log; the errors allow for it.",
-    ),
+    correlated=Kind(NOTE, "The residuals, {size:.2g} % of the field, are correlated along the log; the errors allow for it."),
     # the rotation against another sensor
     delay_open=Kind(
         NOTE, "The turns do not show the delay between the sensors.", "Turn with a rate that varies.",
@@ -95,9 +91,7 @@ FINDINGS = table(
         CAUTION, "The dip is {dip:.0f}, of the wrong sign: the accelerometer reports gravity, or all axes are reversed.",
         "Negate the accelerometer: specific force points up at rest.",
     ),
-    unseen_axes=Kind(
-        NOTE, "The readings do not show whether axes are mirrored.", "Turn clockwise at level: the heading must rise."
-    ),
+    unseen_axes=Kind(NOTE, "The readings do not show whether axes are mirrored.", "Turn clockwise at level: the heading must rise."),
     # along a long log
     drifts=Kind(
         CAUTION, "The hard iron drifts by {percent:.2g} % of the field in an hour; one calibration for the log costs {angle:.2g}.",

@@ -62,9 +62,7 @@ def fit_curves(record: Record, asked: Asked) -> list[NoiseFit]:
     return found
 
 
-def fit_deviation(
-    curve: Deviation, samples: int, terms: tuple[Term, ...], inside: AnyArray, method: str, confidence: float
-) -> NoiseFit:  # fmt: skip
+def fit_deviation(curve: Deviation, samples: int, terms: tuple[Term, ...], inside: AnyArray, method: str, confidence: float) -> NoiseFit:
     """Fit the cluster sizes `inside` of a curve."""
     data, used, unit = _curve_of(curve, samples, terms, inside)
     if method == "gls":

@@ -11,7 +11,7 @@ import numpy as np
 from .._answer import Finding, Quantity
 from .._arrays import transposed
 from .._errors import DataError
-from .._quality import checked_rate, checked_record
+from .._quality import checked_rate, checked_record, refuse_infinite
 from ..allan import Deviation
 from ..allan._deviation import begin
 from ..allan._kinds import find_kind
@@ -76,8 +76,7 @@ class Record:
         for name, x in zip(self.names, self.channels, strict=True):
             low, high = np.fmin.reduce(x), np.fmax.reduce(x)
             if np.isinf(low) or np.isinf(high):
-                first = np.flatnonzero(np.isinf(x))[0]
-                raise DataError(f"the record is infinite, first at sample {first}; replace infinite values by NaN", code="record").of(name)
+                refuse_infinite(x, name or "the record")
             if low == high:
                 why = "Check that the sensor was running and that its resolution is finer than its noise; leave a dead channel out"
                 raise DataError(f"every sample is equal: there is no noise to characterise. {why}").of(name)
