@@ -144,8 +144,8 @@ def _wave(frequency: float, t: AnyArray) -> AnyArray:
 def _lagged(times: AnyArray, values: AnyArray, lag: float, t: AnyArray) -> AnyArray:
     """The temperature after a first-order lag in s."""
     if lag:
-        keep = np.exp(-(times[1] - times[0]) / lag)
-        values = values[0] + (1.0 - keep) * decaying_sum(values - values[0], keep)
+        keep = float(np.exp(-(times[1] - times[0]) / lag))
+        values = values[0] + (1.0 - keep) * decaying_sum(np.asarray(values - values[0]), keep)
     return np.asarray(np.interp(t, times, values))[:, None]
 
 

@@ -142,7 +142,7 @@ class Regressors:
         self.both = np.where(np.equal.outer(self.groups, self.groups), self.shares, np.outer(self.shares, self.shares))
         self._products: np.ndarray | None = None
 
-    def at_samples(self, values: AnyArray) -> AnyArray:
+    def at_samples(self, values: np.ndarray) -> np.ndarray:
         """What is known at the times of the columns, (..., count), at each sample, (..., n)."""
         return values if values.shape[-1] > 4 * _SMOOTH else np.repeat(values, np.diff(np.rint(self._edges).astype(int)), axis=-1)
 

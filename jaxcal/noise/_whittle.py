@@ -96,7 +96,7 @@ def _changes_of(observed: list[Observed], solved: Solved, records: Sequence[Reco
     for i in changed:
         fitted, heights, levels = changes[i].fitted, solved.bins.density[places[i]], solved.of(places[i]).level
         steps = any(one.time == 0.0 and one.family != "temperature" for one in fitted)
-        smooth = heights.max() < _TOWERING[steps] * levels.min()
+        smooth = bool(heights.max() < _TOWERING[steps] * levels.min())
         regressors = Regressors([one.columns for one in fitted], n, dt, changes[i].shares, smooth)
         for k in places[i]:
             observed[k] = observed[k].beside(regressors)
