@@ -90,13 +90,14 @@ class _Record:
     """The readings that are still in, as one column for each axis without gaps, and the rows of the record that they come from."""
 
     def __init__(self, values: np.ndarray, rate: float):
-        known = np.isfinite(values)
-        count = [np.count_nonzero(column) for column in known.T]
+        columns = np.ascontiguousarray(values.T)
+        known = np.isfinite(columns)
+        count = [np.count_nonzero(one) for one in known]
         enough = 0.5 * max(1, *count)  # an axis that stopped costs the others nothing
-        alive = [i for i, column in enumerate(values.T) if count[i] >= enough and np.fmin.reduce(column) < np.fmax.reduce(column)]
+        alive = [i for i, column in enumerate(columns) if count[i] >= enough and np.fmin.reduce(column) < np.fmax.reduce(column)]
         self.size = len(values)
-        self.present = functools.reduce(np.logical_and, known.T[alive]) if alive else np.zeros(self.size, bool)
-        self.columns = [values[:, i] if self.present.all() else values[self.present, i] for i in alive]
+        self.present = functools.reduce(np.logical_and, known[alive]) if alive else np.zeros(self.size, bool)
+        self.columns = [columns[i] if self.present.all() else columns[i, self.present] for i in alive]
         self.columns = [_levelled(column) for column in self.columns if len(column)]
         self.count = len(self.columns[0]) if self.columns else 0
         self.steps = np.array([resolution(column) for column in self.columns])

@@ -35,7 +35,7 @@ from ._terms import Term
 
 #: block means of a record, which have the same lowest ordinates; ordinates that the search uses; rounds of the regression and the fit of
 #: the noise; changes of one record; halvings of the distance in which the place of an event is sought beside those of the grid
-_BLOCKS, _ORDINATES, _ROUNDS, _MOST, _HALVINGS = 1024, 256, 2, 3, 2
+_BLOCKS, _ORDINATES, _ROUNDS, _MOST, _HALVINGS = 1024, 256, 2, 3, 3
 _NEAR = np.array([[0, 0, 0, -1, -1, -1, 1, 1, 1], [0, -1, 1] * 3])  # starts and times beside one
 #: over the length of the record: times at which an event may begin, its time constants, and those with which a sensor follows its
 #: temperature; cycles of a sinusoid in the record
