@@ -145,8 +145,8 @@ class _Look:
     def _slope(self) -> np.ndarray:
         """Derivative of the whitened residuals by the free parameters, as long as no term moves these."""
         if self._known is None or not np.array_equal(self._known[0], self.values):
-            values, steps = self.values.copy(), np.diag(SMALL * self.sizes)[self.free]
-            self._known = values, np.stack([(self.rows(values + h) - self.rows(values - h)) / (2 * h.max()) for h in steps], axis=1)
+            here, steps = self.rows(self.values), np.diag(SMALL * self.sizes)[self.free]
+            self._known = self.values.copy(), np.stack([(self.rows(self.values + h) - here) / h.max() for h in steps], axis=1)
         return self._known[1]
 
     def _moved(self, effect: np.ndarray, length: int) -> np.ndarray:
