@@ -11,7 +11,7 @@ information bound and over that of the maximum of the exact likelihood of Q, N, 
 disturbed: the same records with a knock, a sensor put down or lifted, a step, a fan, lost samples, stuck readings: shift of N, B and K in
 their own standard errors (median, share below 1), and how often N is present.
 slow: N and B with a slow change of the mean that is no noise: how often K is called present without a finding about a change.
-lines: a narrow line that wanders near 0.1 Hz, and a microseism: how often the interval or limit of B holds. A level that wanders by 30 %.
+lines: a narrow line that wanders near 0.1 Hz, and a microseism: how often interval and upper limit of B hold. A level that wanders by 30 %.
 spectra: another exponent, Gauss-Markov processes: how often N, the deviation at 1, 10 and 100 s and the floor are inside their intervals.
 speed: seconds of a fit.
 
@@ -322,16 +322,19 @@ LINES = {
 def lines(runs, seed, _):
     level = density(N, N=CASE_A["N"], B=CASE_A["B"])
     for name, make in LINES.items():
-        held = {"N": 0, "B": 0}
+        held = {"N": 0, "B": 0, "limit": 0}
         sources = [np.random.default_rng([seed, 4, i]) for i in range(runs)]
         for fit in fits_of([make(drawn(level, rng), rng) for rng in sources]):
             truth = dict(CASE_A)
             if "level" in name:  # what the record holds on average over the law of the level
                 truth["N"] *= np.exp(0.3**2)
-            for term in held:
+            for term in "NB":
                 low, high = fit.interval[term]
-                held[term] += (low <= truth[term]) and truth[term] <= max(high, float(fit.upper_limit[term]))
-        print(f"{name:36s} N held {100 * held['N'] / runs:3.0f} %   B held {100 * held['B'] / runs:3.0f} %", flush=True)
+                below = truth[term] <= max(high, float(fit.upper_limit[term]))
+                held[term] += below and low <= truth[term]
+            held["limit"] += below
+        shares = (f"{what} held {100 * count / runs:3.0f} %" for what, count in held.items())
+        print(f"{name:36s}", "   ".join(shares), "of B", flush=True)
 
 
 SPECTRA = {
