@@ -233,8 +233,8 @@ class Job(eqx.Module):
         if options.prior is not None:  # not rescaled by the residuals, because that would rescale the prior, too
             matrix = np.asarray(covariance(fit, scaled=True))
         middle, error = float(self.record.time[-1]) / 2, np.sqrt(np.diag(matrix))
-        known_kind = _known_kind(fit.model) and bool(fit.usable)
-        missing = lacks(joint, rests.remembering(self.record), middle, error) if known_kind else []
+        nameable = _known_kind(fit.model) and bool(fit.usable)
+        missing = lacks(joint, rests.remembering(self.record), middle, error) if nameable else []
         matrix = matrix + sum(lack.spread for lack in missing if lack.finding or options.prior is None) + (0.0 if lost is None else lost)
         matrix = np.asarray(framed(fit.model, options.convention, placed(fit.names, matrix, names))[1][0])
         for sensor, rate in (("gyro", fit.model.drift), ("accel", fit.model.accel_drift)):  # the bias may be that of any time of the record

@@ -51,7 +51,7 @@ _LEAST, _FEWEST, _NOTHING = 0.02, 16, 1e-6
 #: share of missing samples, and gaps over the root of the samples, up to which a draw about the mean of the neighbours fills gaps: it
 #: moves no coefficient by a tenth of its error; neighbours on either side of a gap, beside as many as the gap has samples
 _FEW, _GAPS, _NEIGHBOURS = 0.02, 0.03, 24
-_SMOOTH = 4096  # ordinates that hold a smooth function of time: those of a line fall with the square, and a hundredth decides a fit
+_SMOOTH = 4096  # ordinates that hold a smooth function of time: those of a line fall with the square of their number
 
 
 class Bins(NamedTuple):
@@ -144,7 +144,7 @@ class Regressors:
 
     def at_samples(self, values: np.ndarray) -> np.ndarray:
         """What is known at the times of the columns, (..., count), at each sample, (..., n)."""
-        return values if values.shape[-1] > 4 * _SMOOTH else np.repeat(values, np.diff(np.rint(self._edges).astype(int)), axis=-1)
+        return values if values.shape[-1] == self._edges[-1] else np.repeat(values, np.diff(np.rint(self._edges).astype(int)), axis=-1)
 
     def products(self, starts: np.ndarray) -> np.ndarray:
         """Sums over each bin of the products of the spectra, (p, p, bins)."""

@@ -22,8 +22,8 @@ from ._result import NoiseFit, assemble, spectra_of, with_edf
 from ._solve import FAST, SETTLED, Solved, amplitudes, solve
 from ._terms import GaussMarkov, Ramp, Term, is_sought
 
-#: densities over that of the noise up to which a change, and a step, are a hundredth of the noise in the ordinates beyond `_SMOOTH`
-_TOWERING = (1e10, 1e5)
+#: largest density over the smallest, up to which a change, or a step, is a hundredth of the noise in the ordinates beyond `_SMOOTH`
+_TALLEST = (1e10, 1e5)
 
 
 def fit_axes(records: Sequence[Record], asked: Asked) -> list[NoiseFit]:
@@ -96,7 +96,7 @@ def _changes_of(observed: list[Observed], solved: Solved, records: Sequence[Reco
     for i in changed:
         fitted, heights, levels = changes[i].fitted, solved.bins.density[places[i]], solved.of(places[i]).level
         steps = any(one.time == 0.0 and one.family != "temperature" for one in fitted)
-        smooth = bool(heights.max() < _TOWERING[steps] * levels.min())
+        smooth = bool(heights.max() < _TALLEST[steps] * levels.min())
         regressors = Regressors([one.columns for one in fitted], n, dt, changes[i].shares, smooth)
         for k in places[i]:
             observed[k] = observed[k].beside(regressors)
